@@ -1,0 +1,178 @@
+"""What flows through the estimator: samples in, states and reports out.
+
+Every ``t_us`` here is Unix microseconds on the station's one time base; the link and the video map their own clocks to
+it. Everything is a frozen dataclass; arrays are float64 unless said and are not to be written to.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+class Mode(StrEnum):
+    """Where the horizontal position comes from."""
+
+    GPS = "gps"
+    VISION = "vision"
+    DEAD_RECKONING = "dead_reckoning"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InertialSample:
+    """One reading of gyroscopes and accelerometers: rates (3,) and specific force (3,) in body FRD."""
+
+    t_us: int
+    rate_body_rad_s: Float
+    specific_force_body_m_s2: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeSample:
+    """The autopilot's own attitude: quaternion (4,) Hamilton [w, x, y, z] and rates (3,) in body FRD."""
+
+    t_us: int
+    q_ned_from_body: Float
+    rate_body_rad_s: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraAttitudeSample:
+    """Attitude of the gimbal frame (x along the optical axis, y right, z down in the picture) as the gimbal reports it.
+
+    ``yaw_is_earth`` says whether the yaw is from true north; otherwise it is relative to the body's yaw, with roll and
+    pitch still relative to the horizon.
+    """
+
+    t_us: int
+    q_ned_from_gimbal: Float
+    yaw_is_earth: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BarometerSample:
+    """Pressure altitude above the ISA standard sea level, metres; its zero drifts with the weather."""
+
+    t_us: int
+    pressure_alt_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MagnetometerSample:
+    """Magnetic field (3,) in body FRD, any scale."""
+
+    t_us: int
+    field_body: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AirspeedSample:
+    """True airspeed, metres per second."""
+
+    t_us: int
+    airspeed_m_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GnssSample:
+    """One fix of the receiver. ``vel_ned_m_s`` (3,) may hold NaN where the receiver does not say."""
+
+    t_us: int
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+    vel_ned_m_s: Float
+    std_horizontal_m: float
+    std_vertical_m: float
+    satellites: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HomeSample:
+    """Where the autopilot calls home."""
+
+    t_us: int
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameSample:
+    """One picture of the video: ``image`` is (height, width) uint8 grey, or (height, width, 3) BGR."""
+
+    t_us: int
+    frame_id: int
+    image: Image
+
+
+Sample = (
+    InertialSample
+    | AttitudeSample
+    | CameraAttitudeSample
+    | BarometerSample
+    | MagnetometerSample
+    | AirspeedSample
+    | GnssSample
+    | HomeSample
+    | FrameSample
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigationState:
+    """Where the vehicle is at ``t_us`` and how sure that is.
+
+    ``cov_pos_ned_m2`` (3, 3) and ``cov_vel_ned_m2_s2`` (3, 3). ``cov_camera_pose`` (6, 6) is of the camera: position
+    NED in metres, then its small rotation error about the NED axes in radians, boresight included.
+    ``alt_agl_m`` is above the ground below the vehicle, NaN where the ground is unknown.
+    ``last_fix_age_s`` counts from the last accepted absolute position fix, infinity before the first.
+    """
+
+    t_us: int
+    mode: Mode
+    process_model: str
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+    alt_agl_m: float
+    pos_ned_m: Float
+    vel_ned_m_s: Float
+    q_ned_from_body: Float
+    q_ned_from_camera: Float
+    cov_pos_ned_m2: Float
+    cov_vel_ned_m2_s2: Float
+    cov_attitude_rad2: Float
+    cov_camera_pose: Float
+    last_fix_age_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FixReport:
+    """One attempt at an absolute position fix, accepted or not.
+
+    ``north_m`` and ``east_m`` are the vehicle's position in the local frame as the fix has it (NaN when there is
+    none), ``cov_ne_m2`` (2, 2) its covariance, ``score`` the match's peak in [-1, 1] and ``outlier_probability`` what
+    the verification says. ``heading_correction_rad`` and ``scale_correction`` are what the best hypothesis changed.
+    """
+
+    t_us: int
+    frame_id: int
+    kind: str
+    accepted: bool
+    reason: str
+    north_m: float
+    east_m: float
+    cov_ne_m2: Float
+    score: float
+    outlier_probability: float
+    heading_correction_rad: float
+    scale_correction: float
+    elapsed_ms: float
