@@ -1,0 +1,270 @@
+"""Error-state Kalman filter: strapdown or attitude-driven prediction, and one update for every measurement.
+
+The error state holds position, velocity and attitude error (the small rotation about the NED axes that takes the
+nominal attitude to the true one), the accelerometer bias of Conte 2009 (section 4.3, twelve states), and groups that
+can be left out: gyroscope bias, barometer bias, camera misalignment, and the slow error of the attitude that the
+autopilot reports. The last group is a stochastic clone of the position and the camera attitude at the previous picture
+(Roumeliotis and Burdick, Stochastic cloning, ICRA 2002), which makes visual odometry an ordinary measurement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.filters.kalman import correct
+from estimator.filters.strapdown import EarthModel, Motion, propagate
+from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise, skew
+from estimator.types import Float
+
+STATE_GROUPS = (
+    "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
+    "attitude_bias", "clone_position", "clone_rotation",
+)  # fmt: skip
+_SIZES = {"barometer_bias": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which error states there are, and where."""
+
+    slices: dict[str, slice]
+    size: int
+
+    @classmethod
+    def of(cls, groups: tuple[str, ...]) -> Layout:
+        """The layout of the named groups, in the order of ``STATE_GROUPS``; raises ValueError on unknown names."""
+        unknown = set(groups) - set(STATE_GROUPS)
+        if unknown:
+            message = f"unknown state groups: {', '.join(sorted(unknown))}"
+            raise ValueError(message)
+        slices: dict[str, slice] = {}
+        start = 0
+        for name in STATE_GROUPS:
+            if name in groups:
+                size = _SIZES.get(name, 3)
+                slices[name] = slice(start, start + size)
+                start += size
+        return cls(slices, start)
+
+    def has(self, name: str) -> bool:
+        """Whether a group is estimated."""
+        return name in self.slices
+
+    def jacobian(self, rows: int, **blocks: Float) -> Float:
+        """A measurement Jacobian (rows, size) with the given blocks; blocks of absent groups are dropped."""
+        H = np.zeros((rows, self.size))
+        for name, block in blocks.items():
+            where = self.slices.get(name)
+            if where is not None:
+                H[:, where] = block
+        return H
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessNoise:
+    """Continuous noise densities; one standard deviation per square root of a second, and correlation times.
+
+    The defaults are a consumer-grade unit on a vibrating airframe: several times its data sheet, because unmodelled
+    scale factor, coning and quantisation land here too.
+    """
+
+    accelerometer_m_s2_rt_s: float = 0.06
+    gyroscope_rad_rt_s: float = 0.0015
+    accelerometer_bias_m_s2_rt_s: float = 0.003
+    gyroscope_bias_rad_s_rt_s: float = 2e-5
+    barometer_bias_m_rt_s: float = 0.12
+    boresight_rad_rt_s: float = 1e-4
+    attitude_bias_std_rad: tuple[float, float, float] = (0.009, 0.009, 0.03)
+    attitude_bias_time_s: float = 120.0
+    # without inertial data the velocity is a random walk
+    manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Clone:
+    """Camera position (3,) NED and attitude at the previous picture, as now estimated."""
+
+    pos_ned_m: Float
+    q_ned_from_camera: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nominal:
+    """The estimate itself: motion and biases."""
+
+    motion: Motion
+    accelerometer_bias_m_s2: Float
+    gyroscope_bias_rad_s: Float
+    barometer_bias_m: float
+    boresight_rad: Float
+    attitude_bias_rad: Float
+    clone: Clone | None = None
+
+
+class ErrorStateFilter:
+    """Nominal state with the covariance of its error. Stateless laws live in the functions it calls."""
+
+    def __init__(self, nominal: Nominal, P: Float, layout: Layout, earth: EarthModel, noise: ProcessNoise) -> None:
+        self.nominal = nominal
+        self.P = P
+        self.layout = layout
+        self.earth = earth
+        self.noise = noise
+        self._bias_noise = self._slow_noise_density()
+
+    def _slow_noise_density(self) -> Float:
+        q = np.zeros(self.layout.size)
+        noise = self.noise
+        rates = {
+            "accelerometer_bias": noise.accelerometer_bias_m_s2_rt_s,
+            "gyroscope_bias": noise.gyroscope_bias_rad_s_rt_s,
+            "barometer_bias": noise.barometer_bias_m_rt_s,
+            "boresight": noise.boresight_rad_rt_s,
+            "attitude_bias": np.array(noise.attitude_bias_std_rad) * np.sqrt(2.0 / noise.attitude_bias_time_s),
+        }
+        for name, density in rates.items():
+            where = self.layout.slices.get(name)
+            if where is not None:
+                q[where] = np.square(density)
+        return q
+
+    def predict_inertial(self, rate_body_rad_s: Float, specific_force_body_m_s2: Float, dt_s: float) -> None:
+        """Advance by ``dt_s`` with gyroscope (3,) and accelerometer (3,) readings, as measured."""
+        rate = rate_body_rad_s - self.nominal.gyroscope_bias_rad_s
+        force = specific_force_body_m_s2 - self.nominal.accelerometer_bias_m_s2
+        ned_from_body = matrix_from_q(self.nominal.motion.q_ned_from_body)
+        index = self.layout.slices
+        F = np.eye(self.layout.size)
+        p, v, a = index["position"], index["velocity"], index["attitude"]
+        velocity_by_attitude = -skew(ned_from_body @ force) * dt_s
+        F[p, v].flat[::4] = dt_s
+        F[p, a] = velocity_by_attitude * (0.5 * dt_s)
+        F[v, a] = velocity_by_attitude
+        F[a, a] -= skew(self.earth.rate_ned_rad_s) * dt_s
+        if "accelerometer_bias" in index:
+            F[v, index["accelerometer_bias"]] = -ned_from_body * dt_s
+        if "gyroscope_bias" in index:
+            F[a, index["gyroscope_bias"]] = -ned_from_body * dt_s
+        self._decay_attitude_bias(F, dt_s)
+        self.P = F @ self.P @ F.T
+        diagonal = np.einsum("ii->i", self.P)
+        diagonal += self._bias_noise * dt_s
+        force_noise = self.noise.accelerometer_m_s2_rt_s**2
+        diagonal[v] += force_noise * dt_s
+        diagonal[p] += force_noise * dt_s**3 / 3.0
+        diagonal[a] += self.noise.gyroscope_rad_rt_s**2 * dt_s
+        motion = propagate(self.nominal.motion, rate, force, dt_s, self.earth)
+        self.nominal = replace(self.nominal, motion=motion, attitude_bias_rad=self._decayed_bias(dt_s))
+
+    def predict_attitude_driven(
+        self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
+    ) -> None:
+        """Advance by ``dt_s`` without inertial data: the attitude is given, the velocity is a random walk.
+
+        ``q_ned_from_body`` is the reported attitude already turned by the estimated correction; its error is a
+        first-order Gauss-Markov process of ``attitude_std_rad`` (3,) and ``attitude_time_s``.
+        """
+        index = self.layout.slices
+        p, v, a = index["position"], index["velocity"], index["attitude"]
+        decay = float(np.exp(-dt_s / attitude_time_s))
+        F = np.eye(self.layout.size)
+        F[p, v].flat[::4] = dt_s
+        F[a, a] *= decay
+        self.P = F @ self.P @ F.T
+        diagonal = np.einsum("ii->i", self.P)
+        diagonal += self._bias_noise * dt_s
+        manoeuvre = np.square(self.noise.manoeuvre_m_s2_rt_s)
+        diagonal[v] += manoeuvre * dt_s
+        diagonal[p] += manoeuvre * dt_s**3 / 3.0
+        diagonal[a] += np.square(attitude_std_rad) * (1.0 - decay**2)
+        motion = self.nominal.motion
+        pos = motion.pos_ned_m + motion.vel_ned_m_s * dt_s
+        self.nominal = replace(self.nominal, motion=Motion(pos, motion.vel_ned_m_s, q_ned_from_body))
+
+    def _decay_attitude_bias(self, F: Float, dt_s: float) -> None:
+        where = self.layout.slices.get("attitude_bias")
+        if where is not None:
+            F[where, where] *= np.exp(-dt_s / self.noise.attitude_bias_time_s)
+
+    def _decayed_bias(self, dt_s: float) -> Float:
+        decayed: Float = self.nominal.attitude_bias_rad * np.exp(-dt_s / self.noise.attitude_bias_time_s)
+        return decayed
+
+    def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
+        """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected)."""
+        correction = correct(self.P, z, H, R, gate)
+        if correction is None:
+            return False, float("nan")
+        self.P = correction.P
+        self._inject(correction.dx)
+        return True, correction.nis
+
+    def _inject(self, dx: Float) -> None:
+        """Move the error into the nominal state.
+
+        The reset Jacobian of the attitude error, I - [dtheta]x / 2 (Sola 2017, equation 285), differs from one by less
+        than a thousandth for the corrections that pass the gates; it is applied only where it matters.
+        """
+        part = self.layout.slices
+        nominal = self.nominal
+        rotation = dx[part["attitude"]]
+        motion = Motion(
+            nominal.motion.pos_ned_m + dx[part["position"]],
+            nominal.motion.vel_ned_m_s + dx[part["velocity"]],
+            q_normalise(q_multiply(q_from_rotvec(rotation), nominal.motion.q_ned_from_body)),
+        )
+
+        def moved(name: str, value: Float) -> Float:
+            return value + dx[part[name]] if name in part else value
+
+        barometer = part.get("barometer_bias")
+        self.nominal = Nominal(
+            motion=motion,
+            accelerometer_bias_m_s2=moved("accelerometer_bias", nominal.accelerometer_bias_m_s2),
+            gyroscope_bias_rad_s=moved("gyroscope_bias", nominal.gyroscope_bias_rad_s),
+            barometer_bias_m=nominal.barometer_bias_m + (float(dx[barometer][0]) if barometer is not None else 0.0),
+            boresight_rad=moved("boresight", nominal.boresight_rad),
+            attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
+            clone=self._moved_clone(dx),
+        )
+        if float(rotation @ rotation) > 1e-4:
+            G = np.eye(self.layout.size)
+            G[part["attitude"], part["attitude"]] += 0.5 * skew(rotation)
+            self.P = G @ self.P @ G.T
+
+    def _moved_clone(self, dx: Float) -> Clone | None:
+        clone = self.nominal.clone
+        if clone is None:
+            return None
+        part = self.layout.slices
+        turn = q_from_rotvec(dx[part["clone_rotation"]])
+        return Clone(
+            clone.pos_ned_m + dx[part["clone_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
+        )
+
+    def clone(self, camera: Clone, camera_attitude: Float) -> None:
+        """Copy position and camera rotation error into the clone states; ``camera`` is their nominal value.
+
+        ``camera_attitude`` (3, size) maps the error state to the camera's rotation error about the NED axes.
+        """
+        self.nominal = replace(self.nominal, clone=camera)
+        part = self.layout.slices
+        size = self.layout.size
+        T = np.eye(size)
+        T[part["clone_position"]] = 0.0
+        T[part["clone_rotation"]] = 0.0
+        T[part["clone_position"], part["position"]] = np.eye(3)
+        T[part["clone_rotation"]] = camera_attitude
+        T[part["clone_rotation"], part["clone_rotation"]] = 0.0
+        T[part["clone_rotation"], part["clone_position"]] = 0.0
+        self.P = T @ self.P @ T.T
+
+    def inflate(self, group: str, variance: Float) -> None:
+        """Add independent variance (diagonal) to a group of states."""
+        np.einsum("ii->i", self.P)[self.layout.slices[group]] += variance
+
+    def cov(self, group: str, other: str | None = None) -> Float:
+        """A copy of a block of the covariance."""
+        return self.P[self.layout.slices[group], self.layout.slices[other or group]].copy()

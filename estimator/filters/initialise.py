@@ -1,0 +1,151 @@
+"""First estimate: wait for attitude, position and height, and say how sure each is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.filters.eskf import Layout, Nominal, ProcessNoise
+from estimator.filters.strapdown import Motion
+from estimator.geometry.local import LocalFrame
+from estimator.types import AttitudeSample, BarometerSample, Float, GnssSample, HomeSample, Sample
+
+
+@dataclass(frozen=True, slots=True)
+class InitialGuess:
+    """What to assume before the first measurements.
+
+    ``lat_rad`` and ``lon_rad`` give a position to start from where no satellite fix comes within ``patience_s``; home
+    serves where they are None. Standard deviations are of the first estimate.
+    """
+
+    lat_rad: float | None = None
+    lon_rad: float | None = None
+    position_std_m: float = 40.0
+    patience_s: float = 3.0
+    attitude_std_rad: tuple[float, float, float] = (0.02, 0.02, 0.05)
+    accelerometer_bias_std_m_s2: float = 0.15
+    gyroscope_bias_std_rad_s: float = 0.005
+    boresight_std_rad: float = 0.02
+    unknown_height_std_m: float = 30.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FirstEstimate:
+    """Position, velocity and attitude at the start with their standard deviations (3,)."""
+
+    motion: Motion
+    position_std_m: Float
+    velocity_std_m_s: Float
+    barometer_bias_m: float
+    barometer_bias_std_m: float
+
+
+class InitialConditions:
+    """Collects samples until the filter can start."""
+
+    def __init__(self, guess: InitialGuess, frame: LocalFrame) -> None:
+        self._guess = guess
+        self._frame = frame
+        self._attitude: AttitudeSample | None = None
+        self._gnss: GnssSample | None = None
+        self._home: HomeSample | None = None
+        self._barometer: list[float] = []
+        self._first_t_us: int | None = None
+
+    def offer(self, sample: Sample) -> None:
+        """Take a sample."""
+        if self._first_t_us is None:
+            self._first_t_us = sample.t_us
+        match sample:
+            case AttitudeSample():
+                self._attitude = sample
+            case GnssSample():
+                self._gnss = sample
+            case HomeSample():
+                self._home = sample
+            case BarometerSample():
+                self._barometer.append(sample.pressure_alt_m)
+                del self._barometer[:-10]
+            case _:
+                pass
+
+    def missing(self) -> str:
+        """What is waited for."""
+        if self._attitude is None:
+            return "the vehicle's attitude"
+        return "a first position (satellite fix, home, or a position given in the configuration)"
+
+    def ready(self, t_us: int) -> FirstEstimate | None:
+        """The first estimate as soon as it can be made."""
+        if self._attitude is None or self._first_t_us is None:
+            return None
+        if self._gnss is not None and t_us - self._gnss.t_us < 2_000_000:
+            return self._from_gnss(self._gnss, self._attitude) if self._barometer else None
+        if t_us - self._first_t_us < self._guess.patience_s * 1e6 or not self._barometer:
+            return None
+        return self._from_guess(self._attitude)
+
+    def _from_gnss(self, fix: GnssSample, attitude: AttitudeSample) -> FirstEstimate:
+        pos = self._frame.ned_from_geodetic(fix.lat_rad, fix.lon_rad, fix.alt_amsl_m)
+        known = np.isfinite(fix.vel_ned_m_s)
+        vel = np.where(known, fix.vel_ned_m_s, 0.0)
+        horizontal, vertical = max(fix.std_horizontal_m, 1.5), max(fix.std_vertical_m, 2.5)
+        return FirstEstimate(
+            Motion(pos, vel, attitude.q_ned_from_body),
+            np.array([horizontal, horizontal, vertical]),
+            np.where(known, 0.7, np.array([8.0, 8.0, 2.0])),
+            float(np.mean(self._barometer)) - fix.alt_amsl_m,
+            vertical,
+        )
+
+    def _from_guess(self, attitude: AttitudeSample) -> FirstEstimate | None:
+        lat, lon, home = self._guess.lat_rad, self._guess.lon_rad, self._home
+        if lat is None or lon is None:
+            if home is None:
+                return None
+            lat, lon = home.lat_rad, home.lon_rad
+        # without a satellite height the standard atmosphere gives it to a few tens of metres
+        alt = float(np.mean(self._barometer))
+        pos = self._frame.ned_from_geodetic(lat, lon, alt)
+        std, height_std = self._guess.position_std_m, self._guess.unknown_height_std_m
+        return FirstEstimate(
+            Motion(pos, np.zeros(3), attitude.q_ned_from_body),
+            np.array([std, std, height_std]), np.array([8.0, 8.0, 2.0]), 0.0, height_std,
+        )  # fmt: skip
+
+
+def aligned(
+    first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: ProcessNoise
+) -> tuple[Nominal, Float]:
+    """Nominal state and covariance (n, n) from the first estimate."""
+    nominal = Nominal(first.motion, np.zeros(3), np.zeros(3), first.barometer_bias_m, np.zeros(3), np.zeros(3))
+    std = np.zeros(layout.size)
+    for name, value in {
+        "position": first.position_std_m,
+        "velocity": first.velocity_std_m_s,
+        "attitude": guess.attitude_std_rad,
+        "accelerometer_bias": guess.accelerometer_bias_std_m_s2,
+        "gyroscope_bias": guess.gyroscope_bias_std_rad_s,
+        "barometer_bias": first.barometer_bias_std_m,
+        "boresight": guess.boresight_std_rad,
+        "attitude_bias": noise.attitude_bias_std_rad,
+    }.items():
+        if layout.has(name):
+            std[layout.slices[name]] = value
+    P = np.diag(std**2)
+    _correlate(P, layout, "position", 2, "barometer_bias", 0, sign=1.0)
+    if layout.has("attitude_bias"):
+        for axis in range(3):
+            _correlate(P, layout, "attitude", axis, "attitude_bias", axis, sign=-1.0)
+    return nominal, P
+
+
+def _correlate(P: Float, layout: Layout, group: str, i: int, other: str, j: int, sign: float) -> None:
+    """Tie two errors that come from one measurement: what is wrong in the one is wrong in the other."""
+    if not layout.has(group) or not layout.has(other):
+        return
+    a, b = layout.slices[group].start + i, layout.slices[other].start + j
+    covariance = sign * 0.98 * float(np.sqrt(P[a, a] * P[b, b]))
+    P[a, b] = P[b, a] = covariance

@@ -1,0 +1,151 @@
+"""Samples in time order, states by time, and attitudes between their reports."""
+
+from __future__ import annotations
+
+import bisect
+import heapq
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.geometry.rotation import matrix_from_q, q_multiply, q_slerp, rotvec_from_q
+from estimator.types import Float, NavigationState, Sample
+
+
+class SampleQueue:
+    """Samples sorted by time; one that is older than what has been taken out is refused and counted."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, Sample]] = []
+        self._count = 0
+        self.taken_until_us: int | None = None
+        self.late = 0
+
+    def push(self, sample: Sample) -> bool:
+        """Add a sample; False if it came too late."""
+        if self.taken_until_us is not None and sample.t_us < self.taken_until_us:
+            self.late += 1
+            return False
+        self._count += 1
+        heapq.heappush(self._heap, (sample.t_us, self._count, sample))
+        return True
+
+    def take_until(self, t_us: int) -> list[Sample]:
+        """Take out, in order, all samples up to and including ``t_us``."""
+        out = []
+        while self._heap and self._heap[0][0] <= t_us:
+            out.append(heapq.heappop(self._heap)[2])
+        if self.taken_until_us is None or t_us > self.taken_until_us:
+            self.taken_until_us = t_us
+        return out
+
+    def pending(self) -> list[Sample]:
+        """What waits, in order of time."""
+        return [entry[2] for entry in sorted(self._heap)]
+
+
+class AttitudeTrack:
+    """Reported quaternions over time, interpolated; keeps the last ``keep_s`` seconds."""
+
+    def __init__(self, keep_s: float = 10.0) -> None:
+        self._t_us: list[int] = []
+        self._q: list[Float] = []
+        self._keep_us = int(keep_s * 1e6)
+
+    def add(self, t_us: int, q: Float) -> None:
+        """Add a quaternion (4,); one that is not newer than the last is ignored."""
+        if self._t_us and t_us <= self._t_us[-1]:
+            return
+        self._t_us.append(t_us)
+        self._q.append(q)
+        if self._t_us[0] < t_us - 2 * self._keep_us:
+            keep = bisect.bisect_left(self._t_us, t_us - self._keep_us)
+            del self._t_us[:keep], self._q[:keep]
+
+    @property
+    def newest_t_us(self) -> int | None:
+        """Time of the last report."""
+        return self._t_us[-1] if self._t_us else None
+
+    def at(self, t_us: int, max_extrapolation_us: int = 300_000) -> Float | None:
+        """Quaternion at a time: interpolated, or turned on at the last rate past the newest; None where too far."""
+        if not self._t_us:
+            return None
+        index = bisect.bisect_left(self._t_us, t_us)
+        if index == len(self._t_us):
+            beyond = t_us - self._t_us[-1]
+            if beyond > max_extrapolation_us:
+                return None
+            if len(self._q) < 2 or beyond == 0:
+                return self._q[-1]
+            span = self._t_us[-1] - self._t_us[-2]
+            if span > max_extrapolation_us:
+                return self._q[-1]
+            return q_slerp(self._q[-2], self._q[-1], 1.0 + beyond / span)
+        if index == 0:
+            return self._q[0] if self._t_us[0] - t_us <= max_extrapolation_us else None
+        before, after = self._t_us[index - 1], self._t_us[index]
+        if after - before > 4 * max_extrapolation_us:
+            return None
+        return q_slerp(self._q[index - 1], self._q[index], (t_us - before) / (after - before))
+
+
+class StateHistory:
+    """States over time, interpolated; keeps the last ``keep_s`` seconds."""
+
+    def __init__(self, keep_s: float = 120.0) -> None:
+        self._t_us: list[int] = []
+        self._states: list[NavigationState] = []
+        self._keep_us = int(keep_s * 1e6)
+
+    def add(self, state: NavigationState) -> None:
+        """Add the newest state; of several at one time the last one counts."""
+        while self._t_us and self._t_us[-1] >= state.t_us:
+            self._t_us.pop()
+            self._states.pop()
+        self._t_us.append(state.t_us)
+        self._states.append(state)
+        if self._t_us[0] < state.t_us - self._keep_us - 5_000_000:
+            keep = bisect.bisect_left(self._t_us, state.t_us - self._keep_us)
+            del self._t_us[:keep], self._states[:keep]
+
+    def at(self, t_us: int) -> NavigationState | None:
+        """The state at a time inside the kept span, None outside it."""
+        if not self._t_us or not self._t_us[0] <= t_us <= self._t_us[-1]:
+            return None
+        index = bisect.bisect_left(self._t_us, t_us)
+        if self._t_us[index] == t_us:
+            return self._states[index]
+        return between(self._states[index - 1], self._states[index], t_us)
+
+
+def between(before: NavigationState, after: NavigationState, t_us: int) -> NavigationState:
+    """The state between two: position and velocity linear, attitudes by slerp, the rest from the nearer."""
+    share = (t_us - before.t_us) / (after.t_us - before.t_us)
+    nearer = before if share < 0.5 else after
+    return replace(
+        nearer,
+        t_us=t_us,
+        lat_rad=before.lat_rad + share * (after.lat_rad - before.lat_rad),
+        lon_rad=before.lon_rad + share * (after.lon_rad - before.lon_rad),
+        alt_amsl_m=before.alt_amsl_m + share * (after.alt_amsl_m - before.alt_amsl_m),
+        alt_agl_m=before.alt_agl_m + share * (after.alt_agl_m - before.alt_agl_m),
+        pos_ned_m=before.pos_ned_m + share * (after.pos_ned_m - before.pos_ned_m),
+        vel_ned_m_s=before.vel_ned_m_s + share * (after.vel_ned_m_s - before.vel_ned_m_s),
+        q_ned_from_body=q_slerp(before.q_ned_from_body, after.q_ned_from_body, share),
+        q_ned_from_camera=q_slerp(before.q_ned_from_camera, after.q_ned_from_camera, share),
+    )
+
+
+def rotation_between(q_from: Float, q_to: Float) -> Float:
+    """Small rotation (3,) about the NED axes that takes one attitude to another."""
+    conjugate = q_from * np.array([1.0, -1.0, -1.0, -1.0])
+    return rotvec_from_q(q_multiply(q_to, conjugate))
+
+
+def level_yaw_matrix(q_ned_from_body: Float) -> Float:
+    """Rotation (3, 3) about the vertical by the yaw of an attitude."""
+    ned_from_body = matrix_from_q(q_ned_from_body)
+    yaw = np.arctan2(ned_from_body[1, 0], ned_from_body[0, 0])
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])

@@ -1,0 +1,80 @@
+"""Attitude of the camera from the vehicle's, the gimbal's report and the mount, and how errors pass through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.geometry.camera import GIMBAL_FROM_CAMERA, Mount
+from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
+from estimator.history import AttitudeTrack, level_yaw_matrix
+from estimator.types import CameraAttitudeSample, Float
+
+
+class Gimbal(StrEnum):
+    """How the camera hangs on the vehicle (design, section 4)."""
+
+    FIXED = "fixed"
+    STABILISED = "stabilised"
+    PAN_TILT = "pan_tilt"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraAttitude:
+    """Rotation (3, 3) of the camera, and its error about the NED axes.
+
+    The error is ``by_attitude`` (3, 3) times the vehicle's attitude error plus ``by_boresight`` (3, 3) times the
+    misalignment error.
+    """
+
+    ned_from_camera: Float
+    by_attitude: Float
+    by_boresight: Float
+
+
+class CameraAttitudeModel:
+    """Keeps what the gimbal reports and turns it into the camera's attitude."""
+
+    def __init__(self, mount: Mount, gimbal: Gimbal) -> None:
+        self._mount = mount
+        self._gimbal = gimbal
+        self._reports = AttitudeTrack()
+        self._yaw_is_earth = True
+
+    def offer(self, sample: CameraAttitudeSample) -> None:
+        """Take a report of the gimbal; a fixed camera ignores it."""
+        if self._gimbal is not Gimbal.FIXED:
+            self._yaw_is_earth = sample.yaw_is_earth
+            self._reports.add(sample.t_us, sample.q_ned_from_gimbal)
+
+    @property
+    def lever_arm_frd_m(self) -> Float:
+        """Position of the camera in body axes (3,)."""
+        return self._mount.lever_arm_frd_m
+
+    def at(self, t_us: int, q_ned_from_body: Float, boresight_rad: Float) -> CameraAttitude:
+        """The camera's attitude at a time, with the estimated misalignment (3,) in the mount's axes applied."""
+        misalignment = matrix_from_q(q_from_rotvec(boresight_rad))
+        if self._gimbal is Gimbal.FIXED:
+            ned_from_body = matrix_from_q(q_ned_from_body)
+            camera = ned_from_body @ misalignment @ self._mount.body_from_camera
+            return CameraAttitude(camera, np.eye(3), ned_from_body)
+        report = self._reports.at(t_us, max_extrapolation_us=1_000_000)
+        level = level_yaw_matrix(q_ned_from_body)
+        yaw_only = np.diag([0.0, 0.0, 1.0])
+        if report is None:
+            # no report: roll and pitch of the mount are relative to the horizon, its yaw to the body
+            return CameraAttitude(level @ misalignment @ self._mount.body_from_camera, yaw_only, level)
+        ned_from_gimbal = matrix_from_q(report)
+        if not self._yaw_is_earth:
+            ned_from_gimbal = level @ ned_from_gimbal
+        by_attitude = np.zeros((3, 3)) if self._yaw_is_earth else yaw_only
+        return CameraAttitude(ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA, by_attitude, ned_from_gimbal)
+
+
+def camera_rotation_jacobian(attitude: CameraAttitude, eskf: ErrorStateFilter) -> Float:
+    """Jacobian (3, n) of the camera's rotation error by the filter's error state."""
+    return eskf.layout.jacobian(3, attitude=attitude.by_attitude, boresight=attitude.by_boresight)

@@ -1,0 +1,16 @@
+"""What every measurement gives the filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from estimator.types import Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Innovation:
+    """Innovation z (m,), Jacobian H (m, n) and noise covariance R (m, m)."""
+
+    z: Float
+    H: Float
+    R: Float

@@ -1,0 +1,219 @@
+"""Absolute position from the map: registration, point-mass filter and hand-over, as one unit.
+
+While one mode carries the density, each fix starts from the inertial filter's own Gaussian and hands over what the
+picture added. While several modes compete, the density lives on, moved by the odometry, until one of them wins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.filters.point_mass import Moments, PointMassConfig, PointMassFilter, information_increment
+from estimator.measurements import terrain_fix
+from estimator.measurements.camera_attitude import CameraAttitude
+from estimator.measurements.innovation import Innovation
+from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
+from estimator.registration.likelihood import likelihood
+from estimator.types import FixReport, Float, FrameSample
+
+UNKNOWN_NE = np.full(2, np.nan)
+UNKNOWN_COV = np.full((2, 2), np.nan)
+
+
+@dataclass(frozen=True, slots=True)
+class MapFixConfig:
+    """Search and acceptance of map fixes.
+
+    ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
+    alike; ``min_weight`` what a fix from the same place still counts.
+    """
+
+    search_sigmas: float = 3.5
+    min_search_m: float = 6.0
+    max_search_m: float = 160.0
+    correlation_share: float = 0.25
+    min_weight: float = 0.03
+    max_outlier_probability: float = 0.5
+    min_unimodality: float = 0.95
+    max_lost_probability: float = 0.5
+    heading_floor_rad: float = 0.006
+    scale_floor: float = 0.006
+    point_mass: PointMassConfig = field(default_factory=PointMassConfig)
+
+
+class MapFixer:
+    """Makes absolute fixes and applies them to the inertial filter."""
+
+    def __init__(
+        self, registrar: Registrar, config: MapFixConfig | None = None,
+        clock_s: Callable[[], float] = time.perf_counter,
+    ) -> None:  # fmt: skip
+        self.config = config or MapFixConfig()
+        self._registrar = registrar
+        self._clock_s = clock_s
+        self._density: PointMassFilter | None = None
+        self._last_pos_ne_m = UNKNOWN_NE
+        self._last_t_us = 0
+        self._last_accepted_ne_m = UNKNOWN_NE
+        self.rejected_in_row = 0
+
+    @property
+    def lost_probability(self) -> float:
+        """Probability that the vehicle is not where the density looks."""
+        return self._density.lost_probability if self._density is not None else 0.0
+
+    def attempt(
+        self, frame: FrameSample, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float,
+        ground_down_m: float,
+    ) -> FixReport:  # fmt: skip
+        """Register a grey picture and update the filter with what it adds."""
+        started = self._clock_s()
+        pose = CameraPose(camera_pos_ned_m, camera.ned_from_camera)
+        axis = camera.ned_from_camera[:, 2]
+        height_m = ground_down_m - camera_pos_ned_m[2]
+        if height_m < 2.0:
+            return self._report(frame, started, "too close to the ground")
+        aim = camera_pos_ned_m + axis * (height_m / max(axis[2], 0.2))
+        prior_cov = self._apparent_cov(eskf, camera, aim, camera_pos_ned_m)
+        radius_m = self._search_radius_m(prior_cov)
+        headings, scales = self._hypotheses(eskf, camera, height_m)
+        match = self._registrar.register(frame.image, pose, radius_m, headings, scales)
+        if isinstance(match, NoMatch):
+            self.rejected_in_row += 1
+            return self._report(frame, started, match.reason)
+        return self._fuse(match, frame, started, eskf, camera, camera_pos_ned_m)
+
+    def _apparent_cov(
+        self, eskf: ErrorStateFilter, camera: CameraAttitude, centre_ned_m: Float, camera_pos_ned_m: Float
+    ) -> Float:
+        H = terrain_fix.apparent_position_jacobian(eskf, camera, centre_ned_m, camera_pos_ned_m)
+        cov: Float = H @ eskf.P @ H.T
+        return cov
+
+    def _search_radius_m(self, cov_ne_m2: Float) -> float:
+        std = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
+        if self._density is not None:
+            moments = self._density.moments()
+            std = max(std, float(np.sqrt(np.linalg.eigvalsh(moments.cov_ne_m2)[-1])))
+        config = self.config
+        return float(np.clip(config.search_sigmas * std + config.min_search_m, 0.0, config.max_search_m))
+
+    def _hypotheses(self, eskf: ErrorStateFilter, camera: CameraAttitude, height_m: float) -> tuple[Float, Float]:
+        H = eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
+        heading_std = float(np.sqrt(H @ eskf.P @ H.T)[0, 0])
+        matcher = self._registrar.config
+        headings = _symmetric(2.5 * heading_std, matcher.heading_step_rad, most=7)
+        height_std = float(np.sqrt(eskf.cov("position")[2, 2])) / height_m
+        nadir = camera.ned_from_camera[2, 2] > 0.9
+        scales = _symmetric(2.5 * height_std, matcher.scale_step, most=2) if nadir else np.zeros(1)
+        return headings, scales
+
+    def _fuse(
+        self, match: Match, frame: FrameSample, started: float, eskf: ErrorStateFilter, camera: CameraAttitude,
+        camera_pos_ned_m: Float,
+    ) -> FixReport:  # fmt: skip
+        config = self.config
+        H = terrain_fix.apparent_position_jacobian(eskf, camera, match.centre_ned_m, camera_pos_ned_m)
+        predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
+        density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
+        weight = self._weight(predicted_ne, match.footprint_m)
+        prior = density.moments()
+        values, north_max, east_min = likelihood(
+            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m
+        )
+        density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min, weight)
+        posterior = density.moments()
+        self._density = density
+        measured_ne = predicted_ne + match.displacement_ne_m
+        reason = self._refusal(match, density)
+        if reason is None:
+            increment = information_increment(prior, posterior)
+            if increment is not None:
+                eskf.update(increment.position_ne_m - predicted_ne, H, increment.cov_ne_m2)
+            self._update_heading_and_height(match, eskf, camera, camera_pos_ned_m, weight)
+            self._density = None  # the inertial filter now holds all that the density does
+            self._last_accepted_ne_m = predicted_ne
+            self.rejected_in_row = 0
+        else:
+            self.rejected_in_row += 1
+        self._last_pos_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
+        self._last_t_us = frame.t_us
+        return self._report(frame, started, reason, match, measured_ne, posterior)
+
+    def _predicted_density(
+        self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int
+    ) -> PointMassFilter:
+        if self._density is None:
+            return PointMassFilter(predicted_ne_m, H @ eskf.P @ H.T + np.eye(2) * 0.01, self.config.point_mass)
+        moved = predicted_ne_m - self._last_pos_ne_m
+        elapsed_s = (t_us - self._last_t_us) / 1e6
+        velocity_cov = eskf.cov("velocity")[:2, :2]
+        cov = velocity_cov * elapsed_s**2 + np.eye(2) * ((0.02 * np.hypot(*moved)) ** 2 + 0.01 * elapsed_s)
+        self._density.predict(moved, cov)
+        return self._density
+
+    def _weight(self, predicted_ne_m: Float, footprint_m: float) -> float:
+        """Share that a fix counts, given how near the last one was: w = (1 - r) / (1 + r), r = exp(-d / L)."""
+        if not np.isfinite(self._last_accepted_ne_m).all():
+            return 1.0
+        distance = float(np.hypot(*(predicted_ne_m - self._last_accepted_ne_m)))
+        correlation = np.exp(-distance / max(self.config.correlation_share * footprint_m, 1.0))
+        return max(float((1.0 - correlation) / (1.0 + correlation)), self.config.min_weight)
+
+    def _refusal(self, match: Match, density: PointMassFilter) -> str | None:
+        config = self.config
+        if match.outlier_probability > config.max_outlier_probability:
+            return f"match too weak (outlier probability {match.outlier_probability:.2f})"
+        if density.lost_probability > config.max_lost_probability:
+            return f"lost (probability {density.lost_probability:.2f})"
+        unimodality = density.unimodality()
+        if unimodality < config.min_unimodality:
+            return f"ambiguous (main mode holds {unimodality:.2f})"
+        return None
+
+    def _update_heading_and_height(
+        self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float, weight: float
+    ) -> None:
+        if np.isfinite(match.heading_std_rad):
+            std = np.hypot(match.heading_std_rad, self.config.heading_floor_rad) / np.sqrt(weight)
+            _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, float(std)))
+        if np.isfinite(match.scale_std):
+            height_m = float(match.centre_ned_m[2] - camera_pos_ned_m[2])
+            std = np.hypot(match.scale_std, self.config.scale_floor) / np.sqrt(weight)
+            _apply(eskf, terrain_fix.height(eskf, height_m, match.scale, float(std)))
+
+    def _report(
+        self, frame: FrameSample, started: float, reason: str | None, match: Match | None = None,
+        measured_ne_m: Float = UNKNOWN_NE, posterior: Moments | None = None,
+    ) -> FixReport:  # fmt: skip
+        return FixReport(
+            t_us=frame.t_us,
+            frame_id=frame.frame_id,
+            kind="registration",
+            accepted=reason is None,
+            reason=reason or "",
+            north_m=float(measured_ne_m[0]),
+            east_m=float(measured_ne_m[1]),
+            cov_ne_m2=UNKNOWN_COV if posterior is None else posterior.cov_ne_m2,
+            score=match.peak.value if match else float("nan"),
+            outlier_probability=match.outlier_probability if match else 1.0,
+            heading_correction_rad=match.heading_rad if match else 0.0,
+            scale_correction=match.scale if match else 0.0,
+            elapsed_ms=(self._clock_s() - started) * 1e3,
+        )
+
+
+def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 4.0) -> bool:
+    accepted, _ = eskf.update(innovation.z, innovation.H, innovation.R, gate=gate_sigmas**2)
+    return accepted
+
+
+def _symmetric(reach: float, step: float, most: int) -> Float:
+    """Zero and ``most`` steps at the most to either side, enough to reach ``reach``; at least one."""
+    count = int(np.clip(np.ceil(reach / step), 1, most))
+    return step * np.arange(-count, count + 1)

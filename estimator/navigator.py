@@ -1,0 +1,381 @@
+"""The navigator: samples in, state out.
+
+It runs at a delayed horizon: samples wait, sorted by time, until ``advance`` says how far to go, so that a picture that
+arrives late is fused at the time it was taken. ``predict`` carries the state on from there to now.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.initialise import InitialConditions, InitialGuess, aligned
+from estimator.filters.strapdown import EarthModel, propagate
+from estimator.geometry.camera import Camera, Mount
+from estimator.geometry.local import LocalFrame
+from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, q_multiply, q_normalise
+from estimator.history import AttitudeTrack, SampleQueue, StateHistory, rotation_between
+from estimator.measurements import barometer, gnss, heading
+from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal, camera_rotation_jacobian
+from estimator.measurements.innovation import Innovation
+from estimator.measurements.map_fix import MapFixConfig, MapFixer
+from estimator.measurements.picture_to_picture import OdometryConfig, VisualOdometry
+from estimator.ports import GroundModel, ReferenceMap
+from estimator.registration.alignment import MatcherConfig, Registrar
+from estimator.types import (
+    AttitudeSample, BarometerSample, CameraAttitudeSample, FixReport, Float, FrameSample, GnssSample, HomeSample,
+    InertialSample, Mode, NavigationState, Sample,
+)  # fmt: skip
+
+GROUPS = (
+    "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
+    "attitude_bias", "clone_position", "clone_rotation",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorConfig:
+    """How the navigator works; the defaults suit a small aircraft with consumer sensors."""
+
+    groups: tuple[str, ...] = GROUPS
+    noise: ProcessNoise = field(default_factory=ProcessNoise)
+    initial: InitialGuess = field(default_factory=InitialGuess)
+    matcher: MatcherConfig = field(default_factory=MatcherConfig)
+    map_fix: MapFixConfig = field(default_factory=MapFixConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    use_inertial: bool = True
+    fix_interval_s: float = 0.4
+    history_s: float = 120.0
+    barometer_std_m: float = 0.5
+    barometer_interval_s: float = 0.18
+    reported_attitude_std_rad: float = 0.005
+    reported_attitude_interval_s: float = 0.18
+    gnss_interval_s: float = 0.9
+    gnss_min_std_m: float = 1.5
+    min_inertial_hz: float = 18.0
+    inertial_timeout_s: float = 0.5
+    lost_std_m: float = 100.0
+    vision_timeout_s: float = 6.0
+    vision_std_m: float = 12.0
+    gnss_timeout_s: float = 2.5
+
+
+class Navigator:
+    """Fuses the samples of one vehicle. Not thread-safe: one owner calls it."""
+
+    def __init__(
+        self, config: NavigatorConfig, camera: Camera, mount: Mount, gimbal: str, frame: LocalFrame,
+        reference: ReferenceMap | None, ground: GroundModel, clock_s: Callable[[], float] = time.perf_counter,
+    ) -> None:  # fmt: skip
+        self.config = config
+        self.frame = frame
+        self.camera = camera
+        self.gps_denied = False
+        self._ground = ground
+        self._camera_attitude = CameraAttitudeModel(mount, Gimbal(gimbal))
+        self._queue = SampleQueue()
+        self._attitudes = AttitudeTrack()
+        self._history = StateHistory(config.history_s)
+        self._initial = InitialConditions(config.initial, frame)
+        self._eskf: ErrorStateFilter | None = None
+        self._earth = EarthModel.at(frame.lat_rad, frame.alt_m)
+        self._odometry = VisualOdometry(camera, config.odometry)
+        self._fixer = None
+        if reference is not None:
+            self._fixer = MapFixer(Registrar(camera, reference, ground, frame.alt_m, config.matcher), config.map_fix)
+        self._clock_s = clock_s
+        self._t_us = 0
+        self._inertial: InertialSample | None = None
+        self._inertial_times_us: list[int] = []
+        self._last_us = dict.fromkeys(("fix", "try", "gnss", "barometer", "attitude"), -(10**15))
+        self._counts: dict[str, int] = {}
+        self.stage_seconds: dict[str, float] = {"odometry": 0.0, "registration": 0.0, "inertial": 0.0}
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many samples of each kind were fused, refused or late."""
+        return {**self._counts, "late": self._queue.late}
+
+    @property
+    def state(self) -> NavigationState | None:
+        """The state at the filter's horizon, None before alignment."""
+        return None if self._eskf is None else self._snapshot(self._eskf, self._t_us)
+
+    @property
+    def waiting_for(self) -> str | None:
+        """What alignment still lacks, None once the filter runs."""
+        return None if self._eskf is not None else self._initial.missing()
+
+    def offer(self, sample: Sample) -> None:
+        """Take a sample; it is used when ``advance`` passes its time. One that comes too late is counted and left."""
+        match sample:
+            case AttitudeSample():
+                self._attitudes.add(sample.t_us, sample.q_ned_from_body)
+            case CameraAttitudeSample():
+                self._camera_attitude.offer(sample)
+                return
+            case _:
+                pass
+        self._queue.push(sample)
+
+    def advance(self, t_us: int) -> list[FixReport]:
+        """Process all samples up to ``t_us``; returns the attempts at fixes made on the way."""
+        reports = []
+        for sample in self._queue.take_until(t_us):
+            report = self._handle(sample)
+            if report is not None:
+                reports.append(report)
+        return reports
+
+    def state_at(self, t_us: int) -> NavigationState | None:
+        """The state at a past time, None outside the kept history."""
+        return self._history.at(t_us)
+
+    def predict(self, t_us: int) -> NavigationState | None:
+        """The state carried on to ``t_us`` with the samples that still wait; None before alignment."""
+        if self._eskf is None:
+            return None
+        if t_us <= self._t_us:
+            return self._history.at(t_us) or self.state
+        ahead = _Ahead(self._eskf.nominal, self._t_us)
+        if self._process_model() == "inertial":
+            for sample in self._queue.pending():
+                if isinstance(sample, InertialSample) and ahead.t_us < sample.t_us <= t_us:
+                    ahead = ahead.by_inertial(sample, sample.t_us, self._earth)
+        ahead = ahead.coasting(t_us)
+        saved = self._eskf.nominal
+        self._eskf.nominal = ahead.nominal
+        try:
+            state = self._snapshot(self._eskf, t_us)
+        finally:
+            self._eskf.nominal = saved
+        dt_s = (t_us - self._t_us) / 1e6
+        grown = state.cov_pos_ned_m2 + state.cov_vel_ned_m2_s2 * dt_s**2
+        pose = state.cov_camera_pose.copy()
+        pose[:3, :3] += state.cov_vel_ned_m2_s2 * dt_s**2
+        return replace(state, cov_pos_ned_m2=grown, cov_camera_pose=pose)
+
+    def _handle(self, sample: Sample) -> FixReport | None:
+        if isinstance(sample, GnssSample) and self.gps_denied:
+            return None
+        if self._eskf is None:
+            self._align(sample)
+            return None
+        if isinstance(sample, InertialSample):
+            self._note_inertial(sample)
+        self._predict_to(sample.t_us, sample)
+        report = None
+        match sample:
+            case BarometerSample():
+                self._fuse_barometer(sample)
+            case GnssSample():
+                self._fuse_gnss(sample)
+            case AttitudeSample():
+                self._fuse_attitude(sample)
+            case FrameSample():
+                report = self._fuse_frame(sample)
+            case _:
+                pass
+        if isinstance(sample, FrameSample | AttitudeSample | GnssSample):
+            self._history.add(self._snapshot(self._eskf, sample.t_us))
+        return report
+
+    def _align(self, sample: Sample) -> None:
+        self._initial.offer(sample)
+        if isinstance(sample, InertialSample):
+            self._note_inertial(sample)
+        guess = self._initial.ready(sample.t_us)
+        if guess is None:
+            return
+        nominal, P = aligned(guess, Layout.of(self.config.groups), self.config.initial, self.config.noise)
+        layout = Layout.of(self.config.groups)
+        self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
+        self._t_us = sample.t_us
+
+    def _note_inertial(self, sample: InertialSample) -> None:
+        self._inertial_times_us.append(sample.t_us)
+        del self._inertial_times_us[:-20]
+
+    def _process_model(self) -> str:
+        """``inertial`` where gyroscopes and accelerometers arrive often enough, else ``attitude``."""
+        times = self._inertial_times_us
+        if not self.config.use_inertial or len(times) < 10:
+            return "attitude"
+        if self._t_us - times[-1] > self.config.inertial_timeout_s * 1e6:
+            return "attitude"
+        rate_hz = (len(times) - 1) / max((times[-1] - times[0]) / 1e6, 1e-6)
+        return "inertial" if rate_hz >= self.config.min_inertial_hz else "attitude"
+
+    def _predict_to(self, t_us: int, sample: Sample) -> None:
+        eskf = self._eskf
+        if eskf is None or t_us <= self._t_us:
+            if isinstance(sample, InertialSample):
+                self._inertial = sample
+            return
+        started = self._clock_s()
+        while self._t_us < t_us:
+            step_us = min(t_us - self._t_us, 100_000)
+            dt_s = step_us / 1e6
+            reading = sample if isinstance(sample, InertialSample) else self._inertial
+            if self._process_model() == "inertial" and reading is not None:
+                eskf.predict_inertial(reading.rate_body_rad_s, reading.specific_force_body_m_s2, dt_s)
+            else:
+                self._predict_attitude_driven(eskf, self._t_us + step_us, dt_s)
+            self._t_us += step_us
+        if isinstance(sample, InertialSample):
+            self._inertial = sample
+        self.stage_seconds["inertial"] += self._clock_s() - started
+
+    def _predict_attitude_driven(self, eskf: ErrorStateFilter, t_us: int, dt_s: float) -> None:
+        reported = self._attitudes.at(t_us)
+        before = self._attitudes.at(self._t_us)
+        q_now = eskf.nominal.motion.q_ned_from_body
+        noise = self.config.noise
+        if reported is not None and before is not None:
+            correction = rotation_between(before, q_now) * np.exp(-dt_s / noise.attitude_bias_time_s)
+            q_now = q_normalise(q_multiply(q_from_rotvec(correction), reported))
+        std = np.array(noise.attitude_bias_std_rad)
+        eskf.predict_attitude_driven(q_now, std, noise.attitude_bias_time_s, dt_s)
+
+    def _due(self, what: str, t_us: int, interval_s: float) -> bool:
+        if t_us - self._last_us[what] < interval_s * 1e6:
+            return False
+        self._last_us[what] = t_us
+        return True
+
+    def _apply(self, what: str, innovation: Innovation | None, gate_sigmas: float) -> bool:
+        if innovation is None or self._eskf is None:
+            return False
+        gate = gate_sigmas**2 * len(innovation.z)
+        accepted, _ = self._eskf.update(innovation.z, innovation.H, innovation.R, gate)
+        key = what if accepted else f"{what}_rejected"
+        self._counts[key] = self._counts.get(key, 0) + 1
+        return accepted
+
+    def _fuse_barometer(self, sample: BarometerSample) -> None:
+        if self._eskf is not None and self._due("barometer", sample.t_us, self.config.barometer_interval_s):
+            std = self.config.barometer_std_m
+            innovation = barometer.pressure_altitude(self._eskf, sample.pressure_alt_m, self.frame.alt_m, std)
+            self._apply("barometer", innovation, gate_sigmas=8.0)
+
+    def _fuse_gnss(self, sample: GnssSample) -> None:
+        if self._eskf is None or not self._due("try", sample.t_us, self.config.gnss_interval_s):
+            return
+        pos = self.frame.ned_from_geodetic(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
+        std = max(sample.std_horizontal_m, self.config.gnss_min_std_m)
+        vertical_std = max(sample.std_vertical_m, 2.0 * self.config.gnss_min_std_m)
+        if self._apply("gnss", gnss.position(self._eskf, pos, std, vertical_std), gate_sigmas=5.0):
+            self._last_us["gnss"] = sample.t_us
+        self._apply("gnss_velocity", gnss.velocity(self._eskf, sample.vel_ned_m_s), gate_sigmas=5.0)
+
+    def _fuse_attitude(self, sample: AttitudeSample) -> None:
+        if self._eskf is None or self._process_model() != "inertial":
+            return
+        if self._due("attitude", sample.t_us, self.config.reported_attitude_interval_s):
+            std = self.config.reported_attitude_std_rad
+            self._apply("attitude", heading.reported_attitude(self._eskf, sample.q_ned_from_body, std), 6.0)
+
+    def _camera_now(self, eskf: ErrorStateFilter) -> tuple[CameraAttitude, Float]:
+        motion = eskf.nominal.motion
+        camera = self._camera_attitude.at(self._t_us, motion.q_ned_from_body, eskf.nominal.boresight_rad)
+        lever = matrix_from_q(motion.q_ned_from_body) @ self._camera_attitude.lever_arm_frd_m
+        return camera, motion.pos_ned_m + lever
+
+    def _down_at(self, north_m: Float, east_m: Float) -> Float:
+        down: Float = self.frame.alt_m - self._ground.alt_amsl_m(north_m, east_m)
+        return down
+
+    def _fuse_frame(self, sample: FrameSample) -> FixReport | None:
+        eskf = self._eskf
+        if eskf is None:
+            return None
+        started = self._clock_s()
+        image = sample.image if sample.image.ndim == 2 else sample.image.mean(axis=2).astype(np.uint8)
+        camera, camera_pos = self._camera_now(eskf)
+        innovation = self._odometry.step(sample.t_us, image, eskf, camera, camera_pos, self._down_at)
+        self._apply("odometry", innovation, gate_sigmas=5.0)
+        if self._odometry.took_picture:
+            camera, camera_pos = self._camera_now(eskf)
+            clone = Clone(camera_pos, q_from_matrix(camera.ned_from_camera))
+            eskf.clone(clone, camera_rotation_jacobian(camera, eskf))
+        self.stage_seconds["odometry"] += self._clock_s() - started
+        if self._fixer is None or self._odometry.frozen or not self._due("fix", sample.t_us, self.config.fix_interval_s):
+            return None
+        started = self._clock_s()
+        ground_down = float(self._ground_down(camera_pos))
+        report = self._fixer.attempt(replace(sample, image=image), eskf, camera, camera_pos, ground_down)
+        if report.accepted:
+            self._last_us["accepted"] = sample.t_us
+        elif self._fixer.rejected_in_row >= 10:
+            # a lock on the wrong place must be able to let go
+            eskf.inflate("position", 1.0)
+        self.stage_seconds["registration"] += self._clock_s() - started
+        return report
+
+    def _ground_down(self, pos_ned_m: Float) -> float:
+        down = float(self._down_at(pos_ned_m[0:1], pos_ned_m[1:2])[0])
+        return down if np.isfinite(down) else float("nan")
+
+    def _mode(self, eskf: ErrorStateFilter, t_us: int) -> Mode:
+        std = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+        if t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied:
+            return Mode.GPS
+        lost = self._fixer is not None and self._fixer.lost_probability > 0.5
+        if std > self.config.lost_std_m or (lost and std > self.config.vision_std_m):
+            return Mode.LOST
+        age_s = self._fix_age_s(t_us)
+        if age_s <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
+            return Mode.VISION
+        return Mode.DEAD_RECKONING
+
+    def _fix_age_s(self, t_us: int) -> float:
+        accepted = self._last_us.get("accepted")
+        return float("inf") if accepted is None else max(t_us - accepted, 0) / 1e6
+
+    def _snapshot(self, eskf: ErrorStateFilter, t_us: int) -> NavigationState:
+        motion = eskf.nominal.motion
+        lat, lon, alt = self.frame.geodetic_from_ned(motion.pos_ned_m)
+        camera = self._camera_attitude.at(t_us, motion.q_ned_from_body, eskf.nominal.boresight_rad)
+        T = np.vstack((eskf.layout.jacobian(3, position=np.eye(3)), camera_rotation_jacobian(camera, eskf)))
+        ground_down = self._ground_down(motion.pos_ned_m)
+        return NavigationState(
+            t_us=t_us,
+            mode=self._mode(eskf, t_us),
+            process_model=self._process_model(),
+            lat_rad=float(lat),
+            lon_rad=float(lon),
+            alt_amsl_m=float(alt),
+            alt_agl_m=float(ground_down - motion.pos_ned_m[2]),
+            pos_ned_m=motion.pos_ned_m.copy(),
+            vel_ned_m_s=motion.vel_ned_m_s.copy(),
+            q_ned_from_body=motion.q_ned_from_body.copy(),
+            q_ned_from_camera=q_from_matrix(camera.ned_from_camera),
+            cov_pos_ned_m2=eskf.cov("position"),
+            cov_vel_ned_m2_s2=eskf.cov("velocity"),
+            cov_attitude_rad2=eskf.cov("attitude"),
+            cov_camera_pose=T @ eskf.P @ T.T,
+            last_fix_age_s=self._fix_age_s(t_us),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ahead:
+    """A nominal state carried on past the filter's horizon."""
+
+    nominal: Nominal
+    t_us: int
+
+    def by_inertial(self, sample: InertialSample, t_us: int, earth: EarthModel) -> _Ahead:
+        rate = sample.rate_body_rad_s - self.nominal.gyroscope_bias_rad_s
+        force = sample.specific_force_body_m_s2 - self.nominal.accelerometer_bias_m_s2
+        motion = propagate(self.nominal.motion, rate, force, (t_us - self.t_us) / 1e6, earth)
+        return _Ahead(replace(self.nominal, motion=motion), t_us)
+
+    def coasting(self, t_us: int) -> _Ahead:
+        motion = self.nominal.motion
+        pos = motion.pos_ned_m + motion.vel_ned_m_s * ((t_us - self.t_us) / 1e6)
+        return _Ahead(replace(self.nominal, motion=replace(motion, pos_ned_m=pos)), t_us)

@@ -1,0 +1,130 @@
+"""Visual odometry over known ground with the rotation known.
+
+With the attitude given, every track says the same thing: where the camera has moved, once its two rays are cut with the
+ground. Conte 2009, section 5.6, solves the planar homography for the translation; cutting the rays with a terrain model
+instead drops the plane, and the residual stays linear in every error that matters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.types import Float
+
+MIN_TRACKS = 10
+MIN_INLIER_FRACTION = 0.4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisplacementResidual:
+    """Mean disagreement of the tracks with the predicted motion, with its linear model.
+
+    ``residual_ne_m`` (2,) is the mean over tracks of (ground point by the first ray) minus (by the second).
+    ``by_pos_first``, ``by_pos_second`` (2, 3) and ``by_rotation_first``, ``by_rotation_second`` (2, 3) are its
+    derivatives by camera position NED and by the camera's rotation error about the NED axes. ``cov_m2`` (2, 2).
+    """
+
+    residual_ne_m: Float
+    by_pos_first: Float
+    by_pos_second: Float
+    by_rotation_first: Float
+    by_rotation_second: Float
+    cov_m2: Float
+    tracks: int
+    inlier_fraction: float
+
+
+def displacement_residual(
+    rays_first: Float, rays_second: Float, pos_first_ned_m: Float, pos_second_ned_m: Float,
+    down_at: Callable[[Float, Float], Float], pixel_std_rad: float, relative_std: float,
+) -> DisplacementResidual | None:  # fmt: skip
+    """Compare the motion that tracks show with the motion predicted.
+
+    Parameters
+    ----------
+    rays_first, rays_second
+        Unit rays (n, 3) in NED of the same points from the first and the second camera.
+    pos_first_ned_m, pos_second_ned_m
+        Predicted camera positions (3,).
+    down_at
+        Down coordinate of the ground at (north, east).
+    pixel_std_rad
+        Angular noise of one track.
+    relative_std
+        Part of the displacement that relief and lens leave unmodelled.
+
+    Returns
+    -------
+    DisplacementResidual or None
+        None when too few tracks agree.
+    """
+    usable = (rays_first[:, 2] > 0.15) & (rays_second[:, 2] > 0.15)
+    if usable.sum() < MIN_TRACKS:
+        return None
+    first, second = rays_first[usable], rays_second[usable]
+    slope_first = first[:, :2] / first[:, 2:]
+    slope_second = second[:, :2] / second[:, 2:]
+    # the first ray's ground point, its height looked up twice: the slope of the ground is small
+    down = down_at(np.full(len(first), pos_first_ned_m[0]), np.full(len(first), pos_first_ned_m[1]))
+    for _ in range(2):
+        ground_ne = pos_first_ned_m[:2] + slope_first * (down - pos_first_ned_m[2])[:, None]
+        looked_up = down_at(ground_ne[:, 0], ground_ne[:, 1])
+        down = np.where(np.isfinite(looked_up), looked_up, down)
+    height_first = down - pos_first_ned_m[2]
+    height_second = down - pos_second_ned_m[2]
+    if not (height_first > 0.5).all() or not (height_second > 0.5).all():
+        return None
+    point_first = pos_first_ned_m[:2] + slope_first * height_first[:, None]
+    point_second = pos_second_ned_m[:2] + slope_second * height_second[:, None]
+    residuals = point_first - point_second
+    inlier = _inliers(residuals, pixel_std_rad * float(np.median(height_second)))
+    count = int(inlier.sum())
+    if count < MIN_TRACKS or count < MIN_INLIER_FRACTION * len(residuals):
+        return None
+    mean = residuals[inlier].mean(axis=0)
+    scatter = np.cov(residuals[inlier].T)
+    displacement = float(np.hypot(*(pos_second_ned_m - pos_first_ned_m)[:2]))
+    # neighbouring tracks share the error of the relief below them: a quarter of them counts
+    cov = scatter / max(count / 4.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
+    by_pos_first = _by_position(slope_first[inlier])
+    by_pos_second = -_by_position(slope_second[inlier])
+    return DisplacementResidual(
+        mean, by_pos_first, by_pos_second,
+        rotation_jacobian(slope_first[inlier], height_first[inlier]),
+        -rotation_jacobian(slope_second[inlier], height_second[inlier]),
+        cov, count, count / len(residuals),
+    )  # fmt: skip
+
+
+def _inliers(residuals: Float, noise_m: float) -> np.ndarray:
+    centre = np.median(residuals, axis=0)
+    for _ in range(2):
+        distance = np.hypot(*(residuals - centre).T)
+        limit = max(3.0 * 1.4826 * float(np.median(distance)), 3.0 * noise_m)
+        inlier = distance <= limit
+        centre = residuals[inlier].mean(axis=0)
+    return np.asarray(inlier)
+
+
+def _by_position(slope_ne: Float) -> Float:
+    """Mean derivative (2, 3) of a ground point by the camera's position: moving down shortens the ray."""
+    mean = slope_ne.mean(axis=0)
+    return np.array([[1.0, 0.0, -mean[0]], [0.0, 1.0, -mean[1]]])
+
+
+def rotation_jacobian(slope_ne: Float, height_m: Float) -> Float:
+    """Mean derivative (2, 3) of ground points by a small rotation of the camera about the NED axes.
+
+    ``slope_ne`` (n, 2) is north and east per unit down of the rays, ``height_m`` (n,) the height above the ground. A
+    ray r turns by dtheta x r; its slope s = r_ne / r_d changes by (dtheta x r)_ne / r_d - s (dtheta x r)_d / r_d.
+    """
+    north, east = slope_ne[:, 0], slope_ne[:, 1]
+    return np.array(
+        [
+            [-(height_m * north * east).mean(), (height_m * (1.0 + north**2)).mean(), -(height_m * east).mean()],
+            [-(height_m * (1.0 + east**2)).mean(), (height_m * north * east).mean(), (height_m * north).mean()],
+        ]
+    )

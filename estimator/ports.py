@@ -1,0 +1,73 @@
+"""What the navigator asks of the world outside the estimator, as protocols."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.types import Float, Image
+
+
+class MapWindow(Protocol):
+    """A piece of reference imagery on a north-up grid of the local frame.
+
+    The centre of pixel (row r, column c) lies at north = ``north_max_m`` - r ``gsd_m``, east = ``east_min_m`` +
+    c ``gsd_m``. ``image`` is grey (rows, cols) uint8; ``valid`` marks the pixels that hold imagery.
+    """
+
+    @property
+    def image(self) -> Image: ...
+    @property
+    def valid(self) -> NDArray[np.bool_]: ...
+    @property
+    def north_max_m(self) -> float: ...
+    @property
+    def east_min_m(self) -> float: ...
+    @property
+    def gsd_m(self) -> float: ...
+
+
+class ReferenceMap(Protocol):
+    """Reference imagery in the local frame."""
+
+    @property
+    def gsd_m(self) -> float:
+        """Ground sample distance, metres per pixel."""
+
+    def window(
+        self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float
+    ) -> MapWindow:
+        """The imagery of a rectangle; what lies off the map is invalid."""
+
+
+class GroundModel(Protocol):
+    """Height of the ground."""
+
+    def alt_amsl_m(self, north_m: Float, east_m: Float) -> Float:
+        """Ground altitude at points of the local frame, NaN where it is unknown."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Correlation:
+    """A similarity surface over displacements.
+
+    ``surface`` (rows, cols) holds the similarity in [-1, 1], NaN where too little of the map is known; entry (i, j) is
+    for a displacement north of ``north_max_m`` - i ``step_m`` and east of ``east_min_m`` + j ``step_m``.
+    ``pixels`` is the number of template pixels that took part.
+    """
+
+    surface: NDArray[np.float32]
+    north_max_m: float
+    east_min_m: float
+    step_m: float
+    pixels: int
+
+
+class Matcher(Protocol):
+    """Turns grey images into channels and channels into a similarity surface."""
+
+    def channels(self, image: Image) -> NDArray[np.float32]:
+        """Channels (c, rows, cols) of a grey image."""

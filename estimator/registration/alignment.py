@@ -1,0 +1,316 @@
+"""Registration of one picture to the reference map: rectify, correlate over hypotheses, judge."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.camera import Camera
+from estimator.geometry.ground import intersect_plane
+from estimator.ports import Correlation, GroundModel, ReferenceMap
+from estimator.registration.channels import CHANNELS, Channels
+from estimator.registration.correlation import SearchArea
+from estimator.registration.likelihood import LikelihoodCalibration
+from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
+from estimator.types import Float, Image
+
+
+@dataclass(frozen=True, slots=True)
+class MatcherConfig:
+    """What to compare and how finely.
+
+    ``max_template_px`` bounds the rectified picture; ``max_obliquity_rad`` leaves out ground seen at a grazing angle.
+    """
+
+    channels: str = "double_angle"
+    max_template_px: int = 224
+    max_search_px: int = 320
+    min_template_px: int = 24
+    max_obliquity_rad: float = 1.2
+    heading_step_rad: float = 0.026
+    scale_step: float = 0.02
+    calibration: LikelihoodCalibration = field(default_factory=LikelihoodCalibration)
+    verification: VerificationWeights = field(default_factory=VerificationWeights)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraPose:
+    """Position NED (3,) in metres and rotation (3, 3) of the camera."""
+
+    pos_ned_m: Float
+    ned_from_camera: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A registered picture.
+
+    ``centre_ned_m`` (3,) is the ground point about which heading and scale are taken; ``correlation`` is over the
+    displacement (true minus predicted) of that point. ``heading_rad`` and ``scale`` are the corrections of the best
+    hypothesis with their standard deviations, infinite where the hypotheses do not tell.
+    """
+
+    correlation: Correlation
+    peak: Peak
+    displacement_ne_m: Float
+    centre_ned_m: Float
+    heading_rad: float
+    heading_std_rad: float
+    scale: float
+    scale_std: float
+    outlier_probability: float
+    footprint_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class NoMatch:
+    """Why a picture could not be registered."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patch:
+    """Where on the ground to look: grid of offsets about a centre, rows to the south, columns to the east."""
+
+    centre_ned_m: Float
+    offsets_ne_m: Float
+    gsd_m: float
+
+
+class Registrar:
+    """Registers pictures of one camera to one reference map."""
+
+    def __init__(
+        self, camera: Camera, reference: ReferenceMap, ground: GroundModel, origin_alt_amsl_m: float,
+        config: MatcherConfig | None = None,
+    ) -> None:  # fmt: skip
+        self.config = config or MatcherConfig()
+        if self.config.channels not in CHANNELS:
+            message = f"unknown channels {self.config.channels!r}; known: {', '.join(CHANNELS)}"
+            raise ValueError(message)
+        self._camera = camera
+        self._reference = reference
+        self._ground = ground
+        self._origin_alt_amsl_m = origin_alt_amsl_m
+        self._channels: Callable[[Image], Channels] = CHANNELS[self.config.channels]
+
+    def register(
+        self, image: Image, pose: CameraPose, search_radius_m: float, headings_rad: Float, scales: Float
+    ) -> Match | NoMatch:
+        """Find a grey picture (rows, cols) on the map around where ``pose`` puts it.
+
+        ``headings_rad`` and ``scales`` are the corrections to try, one after the other about the best of the first;
+        both must hold zero (or one value).
+        """
+        patch = self._patch(pose)
+        if isinstance(patch, NoMatch):
+            return patch
+        half_ne = np.abs(patch.offsets_ne_m[0, 0]) + 0.5 * patch.gsd_m
+        radius_px = int(np.clip(np.ceil(search_radius_m / patch.gsd_m), 4, self.config.max_search_px))
+        search = self._search(patch, half_ne, radius_px)
+        if isinstance(search, NoMatch):
+            return search
+        source = _reduced(image, self._camera, pose, patch)
+
+        def attempt(heading_rad: float, scale: float) -> _Attempt | None:
+            return self._attempt(source, search, patch, pose, radius_px, heading_rad, scale)
+
+        return self._best(attempt, headings_rad, scales, patch, radius_px, half_ne)
+
+    def _best(
+        self, attempt: Callable[[float, float], _Attempt | None], headings_rad: Float, scales: Float, patch: _Patch,
+        radius_px: int, half_ne: Float,
+    ) -> Match | NoMatch:  # fmt: skip
+        tried = [a for a in (attempt(float(h), 0.0) for h in headings_rad) if a is not None]
+        if not tried:
+            return NoMatch("the picture does not cover enough mapped ground")
+        best = max(tried, key=lambda a: a.peak.value)
+        heading, heading_std = _vertex(tried, best, self.config, lambda a: a.heading_rad)
+        others = [a for a in (attempt(best.heading_rad, float(s)) for s in scales if s != 0.0) if a is not None]
+        best_scale = max([best, *others], key=lambda a: a.peak.value)
+        scale, scale_std = _vertex([best, *others], best_scale, self.config, lambda a: a.scale)
+        best = best_scale
+        step = patch.gsd_m
+        correlation = Correlation(best.surface, radius_px * step, -radius_px * step, step, best.pixels)
+        displacement = np.array(
+            [correlation.north_max_m - best.peak.row * step, correlation.east_min_m + best.peak.col * step]
+        )
+        return Match(
+            correlation, best.peak, displacement, patch.centre_ned_m, heading, heading_std, scale, scale_std,
+            outlier_probability(best.peak, self.config.verification), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
+        )  # fmt: skip
+
+    def _patch(self, pose: CameraPose) -> _Patch | NoMatch:
+        footprint = self._footprint(pose)
+        if footprint is None:
+            return NoMatch("the camera does not see the ground below the horizon limit")
+        north_min, east_min = footprint.min(axis=0)
+        north_max, east_max = footprint.max(axis=0)
+        centre_ne = footprint.mean(axis=0)
+        gsd_m = self._reference.gsd_m
+        extent = max(north_max - north_min, east_max - east_min)
+        # coarser by powers of two while the template would be larger than twice the bound; cropped below that
+        while extent / gsd_m > 2.0 * self.config.max_template_px:
+            gsd_m *= 2.0
+        half = 0.5 * gsd_m * self.config.max_template_px
+        rows = int(min(half, north_max - centre_ne[0], centre_ne[0] - north_min) / gsd_m)
+        cols = int(min(half, east_max - centre_ne[1], centre_ne[1] - east_min) / gsd_m)
+        if min(rows, cols) * 2 + 1 < self.config.min_template_px:
+            return NoMatch(
+                f"the picture covers only {2 * rows + 1} x {2 * cols + 1} map pixels, "
+                f"{self.config.min_template_px} are needed"
+            )
+        north = gsd_m * np.arange(rows, -rows - 1, -1, dtype=np.float64)
+        east = gsd_m * np.arange(-cols, cols + 1, dtype=np.float64)
+        offsets = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1)
+        down = self._down(centre_ne[0:1], centre_ne[1:2], pose)
+        return _Patch(np.array([centre_ne[0], centre_ne[1], down[0]]), offsets, gsd_m)
+
+    def _down(self, north_m: Float, east_m: Float, pose: CameraPose) -> Float:
+        alt = self._ground.alt_amsl_m(north_m, east_m)
+        down: Float = self._origin_alt_amsl_m - alt
+        if np.isnan(down).any():
+            known = down[~np.isnan(down)]
+            below = self._origin_alt_amsl_m - self._ground.alt_amsl_m(pose.pos_ned_m[0:1], pose.pos_ned_m[1:2])
+            down = np.where(np.isnan(down), known.mean() if known.size else below, down)
+        return down
+
+    def _footprint(self, pose: CameraPose) -> Float | None:
+        """Ground points (n, 2) seen by the picture's border and middle, within the obliquity limit; None if too few."""
+        camera = self._camera
+        u = np.linspace(0.0, camera.width_px - 1.0, 9)
+        v = np.linspace(0.0, camera.height_px - 1.0, 7)
+        uv = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+        rays = camera.rays(uv) @ pose.ned_from_camera.T
+        usable = rays[:, 2] > np.cos(self.config.max_obliquity_rad)
+        if usable.sum() < 0.25 * len(rays):
+            return None
+        down = self._down(pose.pos_ned_m[0:1], pose.pos_ned_m[1:2], pose)[0]
+        points = intersect_plane(pose.pos_ned_m, rays[usable], float(down))
+        points = points[np.isfinite(points).all(axis=1)]
+        if len(points) < 8:
+            return None
+        # once more on the plane through the ground that is really looked at
+        down = float(np.mean(self._down(points[:, 0], points[:, 1], pose)))
+        points = intersect_plane(pose.pos_ned_m, rays[usable], down)
+        points = points[np.isfinite(points).all(axis=1)]
+        return points[:, :2] if len(points) >= 8 else None
+
+    def _search(self, patch: _Patch, half_ne: Float, radius_px: int) -> SearchArea | NoMatch:
+        margin = radius_px * patch.gsd_m
+        centre = patch.centre_ned_m
+        shape = patch.offsets_ne_m.shape[:2]
+        window = self._reference.window(
+            centre[0] - half_ne[0] - margin - patch.gsd_m, centre[1] - half_ne[1] - margin - patch.gsd_m,
+            centre[0] + half_ne[0] + margin + patch.gsd_m, centre[1] + half_ne[1] + margin + patch.gsd_m,
+        )  # fmt: skip
+        if not window.valid.any():
+            return NoMatch("outside the reference map")
+        rows, cols = shape[0] + 2 * radius_px, shape[1] + 2 * radius_px
+        north_first = centre[0] + patch.offsets_ne_m[0, 0, 0] + margin
+        east_first = centre[1] + patch.offsets_ne_m[0, 0, 1] - margin
+        image, valid = window.image, window.valid.astype(np.uint8)
+        ratio = patch.gsd_m / window.gsd_m
+        if ratio > 1.5:
+            sigma = 0.4 * ratio
+            image = cv2.GaussianBlur(image, (0, 0), sigma)
+        # bring the window onto the template's own grid, so that zero displacement is a whole pixel
+        matrix = np.array(
+            [
+                [ratio, 0.0, (east_first - window.east_min_m) / window.gsd_m],
+                [0.0, ratio, (window.north_max_m - north_first) / window.gsd_m],
+            ]
+        )
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        image = cv2.warpAffine(image, matrix, (cols, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        valid = cv2.warpAffine(valid, matrix, (cols, rows), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        known = valid > 0
+        if known.mean() < 0.2:
+            return NoMatch("too little of the reference map around the prediction")
+        return SearchArea(self._channels(image), known, (shape[0], shape[1]))
+
+    def _attempt(
+        self, source: _Source, search: SearchArea, patch: _Patch, pose: CameraPose, radius_px: int, heading_rad: float,
+        scale: float,
+    ) -> _Attempt | None:  # fmt: skip
+        cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+        # a true map offset o shows where the predicted camera expects Rot(-heading) o / (1 + scale)
+        turn = np.array([[cos, sin], [-sin, cos]]) / (1.0 + scale)
+        ne = patch.centre_ned_m[:2] + patch.offsets_ne_m @ turn.T
+        down = self._down(ne[..., 0].ravel(), ne[..., 1].ravel(), pose).reshape(ne.shape[:2])
+        points = np.concatenate((ne, down[..., None]), axis=-1)
+        template, mask = source.sample((points - pose.pos_ned_m) @ pose.ned_from_camera)
+        if mask.sum() < self.config.min_template_px**2:
+            return None
+        surface = search.correlate(self._channels(template), mask)
+        peak = find_peak(surface)
+        if peak is None:
+            return None
+        return _Attempt(surface, peak, heading_rad, scale, int(mask.sum()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Attempt:
+    surface: NDArray[np.float32]
+    peak: Peak
+    heading_rad: float
+    scale: float
+    pixels: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Source:
+    """A picture reduced to about the map's resolution, and its camera."""
+
+    image: Image
+    camera: Camera
+
+    def sample(self, points_camera_m: Float) -> tuple[Image, NDArray[np.bool_]]:
+        """The picture at points (rows, cols, 3) of the camera frame, and where it exists."""
+        uv = self.camera.project(points_camera_m)
+        inside = (
+            (uv[..., 0] >= 1.0) & (uv[..., 0] <= self.camera.width_px - 2.0)
+            & (uv[..., 1] >= 1.0) & (uv[..., 1] <= self.camera.height_px - 2.0)
+        )  # fmt: skip
+        uv32 = np.nan_to_num(uv, nan=-10.0).astype(np.float32)
+        image = cv2.remap(self.image, uv32[..., 0], uv32[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        # gradients at the rim of the mask see replicated pixels
+        eroded = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+        return image, eroded
+
+
+def _reduced(image: Image, camera: Camera, pose: CameraPose, patch: _Patch) -> _Source:
+    """Area-average the picture so that its pixels on the ground are about as large as the map's."""
+    distance = float(np.linalg.norm(patch.centre_ned_m - pose.pos_ned_m))
+    factor = min(1.0, (distance / camera.fx_px) / patch.gsd_m * 1.15)
+    if factor > 0.75:
+        return _Source(cv2.GaussianBlur(image, (0, 0), 0.6), camera)
+    scaled = camera.scaled(factor)
+    size = (scaled.width_px, scaled.height_px)
+    return _Source(cv2.resize(image, size, interpolation=cv2.INTER_AREA), scaled)
+
+
+def _vertex(
+    tried: list[_Attempt], best: _Attempt, config: MatcherConfig, parameter: Callable[[_Attempt], float]
+) -> tuple[float, float]:
+    """Best value of a hypothesis parameter and its standard deviation, from a parabola through the log likelihoods."""
+    values = sorted(tried, key=parameter)
+    index = values.index(best)
+    if len(values) < 3 or index in (0, len(values) - 1):
+        return parameter(best), float("inf")
+    around = values[index - 1 : index + 2]
+    x = np.array([parameter(a) for a in around])
+    samples = config.calibration.effective_fraction * best.pixels
+    log_p = np.array([-0.5 * samples * np.log1p(-(max(a.peak.value, 0.0) ** 2)) for a in around])
+    a, b, _ = np.polyfit(x - x[1], log_p, 2)
+    if a >= -1e-9:
+        return parameter(best), float("inf")
+    offset = float(np.clip(-b / (2.0 * a), x[0] - x[1], x[2] - x[1]))
+    # the curvature of a few smooth samples is optimistic: the hypotheses' own step bounds it from below
+    std = max(float(np.sqrt(-1.0 / (2.0 * a))), 0.15 * float(x[2] - x[1]))
+    return float(x[1] + offset), std

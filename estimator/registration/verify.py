@@ -1,0 +1,82 @@
+"""How likely is a match to be wrong, from the shape of its similarity surface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """The best place of a surface and what speaks for it.
+
+    ``row``, ``col`` are sub-pixel. ``psr`` is the peak's height over the rest of the surface in its standard
+    deviations; ``second_ratio`` the highest similarity more than five pixels away over the peak's.
+    """
+
+    row: float
+    col: float
+    value: float
+    psr: float
+    second_ratio: float
+    at_edge: bool
+
+
+EXCLUDED_PX = 5
+
+
+def find_peak(surface: NDArray[np.floating]) -> Peak | None:
+    """The highest place of a surface (rows, cols), refined by a quadratic; None where nothing is known."""
+    if not np.isfinite(surface).any():
+        return None
+    filled = np.where(np.isfinite(surface), surface, -1.0)
+    row, col = np.unravel_index(int(np.argmax(filled)), filled.shape)
+    value = float(filled[row, col])
+    rows, cols = filled.shape
+    rest = np.isfinite(surface)
+    rest[max(0, row - EXCLUDED_PX) : row + EXCLUDED_PX + 1, max(0, col - EXCLUDED_PX) : col + EXCLUDED_PX + 1] = False
+    others = filled[rest]
+    if others.size > 20:
+        psr = (value - float(others.mean())) / max(float(others.std()), 1e-6)
+        second = float(others.max()) / max(value, 1e-6)
+    else:
+        psr, second = 0.0, 1.0
+    at_edge = row in (0, rows - 1) or col in (0, cols - 1)
+    if at_edge:
+        return Peak(float(row), float(col), value, psr, second, True)
+    d_row = _vertex(filled[row - 1, col], value, filled[row + 1, col])
+    d_col = _vertex(filled[row, col - 1], value, filled[row, col + 1])
+    return Peak(row + d_row, col + d_col, value, psr, second, False)
+
+
+def _vertex(before: float, at: float, after: float) -> float:
+    curvature = before - 2.0 * at + after
+    if curvature >= -1e-9:
+        return 0.0
+    return float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5))
+
+
+@dataclass(frozen=True, slots=True)
+class VerificationWeights:
+    """Logistic regression from the peak's features to the log odds of a wrong match; versioned with the likelihood."""
+
+    version: str = "double_angle/1"
+    bias: float = 7.0
+    psr: float = -1.1
+    value: float = -9.0
+    second_ratio: float = 3.0
+
+
+def outlier_probability(peak: Peak, weights: VerificationWeights) -> float:
+    """Probability that the peak is not where the truth is."""
+    if peak.at_edge:
+        return 0.98
+    log_odds = (
+        weights.bias
+        + weights.psr * peak.psr
+        + weights.value * peak.value
+        + weights.second_ratio * max(peak.second_ratio, 0.0)
+    )
+    return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -30.0, 30.0))))
