@@ -1,0 +1,320 @@
+/** What the station says on its sockets and over REST. Units are in the names; degrees, as everywhere at the edges. */
+
+export type Mode = 'gps' | 'vision' | 'dead_reckoning' | 'lost';
+export type Severity = 'info' | 'caution' | 'warning';
+
+/** The station turns NaN and infinity into null. */
+export type Maybe<T> = T | null;
+
+export interface Ellipse95 {
+  semi_major_m: number;
+  semi_minor_m: number;
+  azimuth_deg: number;
+}
+
+interface Envelope {
+  seq: number;
+  t_unix_us: number;
+}
+
+export interface VehicleSummary {
+  id: string;
+  vehicle_type?: Maybe<string>;
+  simulated?: boolean;
+  connected?: boolean;
+  replay?: boolean;
+  video_source?: Maybe<string>;
+  [more: string]: unknown;
+}
+
+export interface MapBounds {
+  south_deg: number;
+  west_deg: number;
+  north_deg: number;
+  east_deg: number;
+}
+
+export interface MapSummary {
+  id: string;
+  name: string;
+  kind: 'imagery' | 'elevation';
+  gsd_m: Maybe<number>;
+  bounds: MapBounds;
+  crs?: string;
+  bands?: number;
+  size?: unknown;
+  source_file?: Maybe<string>;
+}
+
+export interface TargetProperties {
+  name: string;
+  mgrs: Maybe<string>;
+  lat_deg: number;
+  lon_deg: number;
+  alt_amsl_m: Maybe<number>;
+  method: string;
+  vehicle_id: Maybe<string>;
+  frame_id: Maybe<number>;
+  t_unix_us: Maybe<number>;
+  u_px: Maybe<number>;
+  v_px: Maybe<number>;
+  std_n_m: Maybe<number>;
+  std_e_m: Maybe<number>;
+  std_d_m: Maybe<number>;
+  cov_ne_m2: Maybe<number>;
+  ce90_m: Maybe<number>;
+  ellipse95: Maybe<Ellipse95>;
+  created_unix_us: number;
+  updated_unix_us: number;
+  version: number;
+}
+
+export interface Target {
+  type: 'Feature';
+  id: string;
+  geometry: { type: 'Point'; coordinates: number[] };
+  properties: TargetProperties;
+}
+
+export interface TargetCollection {
+  type: 'FeatureCollection';
+  features: Target[];
+}
+
+export interface Alarm {
+  id: string;
+  vehicle_id: Maybe<string>;
+  severity: Severity;
+  code: string;
+  text: string;
+  active: boolean;
+  since_unix_us?: number;
+}
+
+export interface Recording {
+  active: boolean;
+  flight_id: Maybe<string>;
+  duration_s?: Maybe<number>;
+  bytes?: Maybe<number>;
+}
+
+export interface HelloMessage extends Envelope {
+  type: 'hello';
+  station: { name: string; version: string; data_dir_free_bytes: number };
+  vehicles: VehicleSummary[];
+  maps: MapSummary[];
+  targets: TargetCollection;
+  alarms: Alarm[];
+  recording: Recording;
+  waiting_for: string[];
+}
+
+export interface StateMessage extends Envelope {
+  type: 'state';
+  vehicle_id: string;
+  epoch: number;
+  mode: Mode;
+  process_model: Maybe<string>;
+  lat_deg: Maybe<number>;
+  lon_deg: Maybe<number>;
+  alt_amsl_m: Maybe<number>;
+  alt_agl_m: Maybe<number>;
+  std_n_m: Maybe<number>;
+  std_e_m: Maybe<number>;
+  std_d_m: Maybe<number>;
+  cov_ne_m2: Maybe<number>;
+  ellipse95: Maybe<Ellipse95>;
+  vn_m_s: Maybe<number>;
+  ve_m_s: Maybe<number>;
+  vd_m_s: Maybe<number>;
+  ground_speed_m_s: Maybe<number>;
+  roll_deg: Maybe<number>;
+  pitch_deg: Maybe<number>;
+  heading_deg: Maybe<number>;
+  last_fix_age_s: Maybe<number>;
+  gps_denied: boolean;
+  footprint: Maybe<[number, number][]>;
+}
+
+export interface GpsMessage extends Envelope {
+  type: 'gps';
+  vehicle_id: string;
+  lat_deg: Maybe<number>;
+  lon_deg: Maybe<number>;
+  alt_amsl_m: Maybe<number>;
+  fix_type: number;
+  satellites: Maybe<number>;
+  std_horizontal_m: Maybe<number>;
+  used: boolean;
+}
+
+export interface TelemetryMessage extends Envelope {
+  type: 'telemetry';
+  vehicle_id: string;
+  vehicle_type: Maybe<string>;
+  simulated: boolean;
+  armed: boolean;
+  flight_mode: Maybe<string>;
+  battery_pct: Maybe<number>;
+  battery_v: Maybe<number>;
+  airspeed_m_s: Maybe<number>;
+}
+
+export interface LinkMessage extends Envelope {
+  type: 'link';
+  vehicle_id: string;
+  connected: boolean;
+  heartbeat_age_s: Maybe<number>;
+  messages_per_s: Maybe<number>;
+  bytes_per_s: Maybe<number>;
+  loss_pct: Maybe<number>;
+  noise_bytes: Maybe<number>;
+  signed: Maybe<boolean>;
+  endpoint: Maybe<string>;
+}
+
+export type VideoStatus = 'waiting' | 'flowing' | 'frozen' | 'stopped';
+
+export interface VideoMessage extends Envelope {
+  type: 'video';
+  source: string;
+  vehicle_id: Maybe<string>;
+  status: VideoStatus;
+  fps: Maybe<number>;
+  width: Maybe<number>;
+  height: Maybe<number>;
+  codec: Maybe<string>;
+  last_frame_age_s: Maybe<number>;
+  latency_ms: Maybe<number>;
+  decode_errors: Maybe<number>;
+  epoch: number;
+}
+
+export interface FixMessage extends Envelope {
+  type: 'fix';
+  vehicle_id: string;
+  frame_id: Maybe<number>;
+  kind: string;
+  accepted: boolean;
+  reason: Maybe<string>;
+  lat_deg: Maybe<number>;
+  lon_deg: Maybe<number>;
+  cov_ne_m2: Maybe<unknown>;
+  score: Maybe<number>;
+  elapsed_ms: Maybe<number>;
+}
+
+export type TargetMessage = Envelope & { type: 'target' } & (
+    | { action: 'created' | 'updated'; target: Target }
+    | { action: 'deleted'; target: string | { id: string } }
+  );
+
+export interface AlarmMessage extends Envelope, Alarm {
+  type: 'alarm';
+}
+
+export interface AckMessage extends Envelope {
+  type: 'ack';
+  command_id: string;
+  vehicle_id: string;
+  command: string;
+  status: string;
+  text: string;
+}
+
+export type MapMessage = Envelope & { type: 'map' } & (
+    | { action: 'created' | 'updated'; map: MapSummary }
+    | { action: 'deleted'; map: string | { id: string } }
+  );
+
+export interface RecordingMessage extends Envelope, Recording {
+  type: 'recording';
+}
+
+export interface ReplayMessage extends Envelope {
+  type: 'replay';
+  vehicle_id: string;
+  flight_id: string;
+  /** Where the replay stands; the envelope's `t_unix_us` yields to this on replay messages. */
+  start_unix_us: number;
+  end_unix_us: number;
+  speed: number;
+  paused: boolean;
+  ended?: boolean;
+}
+
+export interface WaitingMessage extends Envelope {
+  type: 'waiting';
+  waiting_for: string[];
+}
+
+export interface VehicleMessage extends Envelope {
+  type: 'vehicle';
+  action: 'created' | 'updated' | 'deleted';
+  vehicle: VehicleSummary | string;
+}
+
+export interface PongMessage extends Envelope {
+  type: 'pong';
+}
+
+export type StationMessage =
+  | HelloMessage
+  | StateMessage
+  | GpsMessage
+  | TelemetryMessage
+  | LinkMessage
+  | VideoMessage
+  | FixMessage
+  | TargetMessage
+  | AlarmMessage
+  | AckMessage
+  | MapMessage
+  | RecordingMessage
+  | ReplayMessage
+  | WaitingMessage
+  | VehicleMessage
+  | PongMessage;
+
+/** In front of every encoded picture on the video socket. */
+export interface FrameHeader {
+  frame_id: number;
+  epoch: number;
+  t_unix_us: number;
+  t_wire_unix_us: number;
+  codec: 'h264' | 'jpeg';
+  codec_string: string;
+  key: boolean;
+  width: number;
+  height: number;
+  latency_ms: Maybe<number>;
+}
+
+export interface Flight {
+  id: string;
+  name: Maybe<string>;
+  start_unix_us?: Maybe<number>;
+  duration_s?: Maybe<number>;
+  bytes?: Maybe<number>;
+  recording?: boolean;
+  problem?: Maybe<string>;
+  [more: string]: unknown;
+}
+
+/** RFC 9457. */
+export interface Problem {
+  type?: string;
+  title?: string;
+  status?: number;
+  detail?: string;
+  errors?: unknown;
+}
+
+export interface TrackCollection {
+  type: 'FeatureCollection';
+  features: {
+    type: 'Feature';
+    geometry: { type: 'LineString'; coordinates: number[][] };
+    properties: { times_unix_us?: number[]; source?: string };
+  }[];
+}

@@ -1,0 +1,39 @@
+/** States of one vehicle over the last minutes, so that a paused picture is shown with the attitude of its own time. */
+
+import type { StateMessage } from '../api/types';
+
+export class StateHistory {
+  private states: StateMessage[] = [];
+
+  constructor(private readonly keep_us: number = 120_000_000) {}
+
+  get length(): number {
+    return this.states.length;
+  }
+
+  append(state: StateMessage): void {
+    const last = this.states[this.states.length - 1];
+    if (last && (last.epoch !== state.epoch || last.t_unix_us > state.t_unix_us)) this.states = [];
+    this.states.push(state);
+    const oldest_us = state.t_unix_us - this.keep_us;
+    let stale = 0;
+    while (this.states[stale]!.t_unix_us < oldest_us) stale++;
+    if (stale > 0) this.states.splice(0, stale);
+  }
+
+  /** The nearest state within `within_us`, or null. */
+  at(t_unix_us: number, within_us = 500_000): StateMessage | null {
+    let low = 0;
+    let high = this.states.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.states[middle]!.t_unix_us < t_unix_us) low = middle + 1;
+      else high = middle;
+    }
+    const after = this.states[low];
+    const before = this.states[low - 1];
+    const distance = (state: StateMessage | undefined) => (state ? Math.abs(state.t_unix_us - t_unix_us) : Infinity);
+    const nearest = distance(before) <= distance(after) ? before : after;
+    return nearest && distance(nearest) <= within_us ? nearest : null;
+  }
+}

@@ -1,0 +1,60 @@
+import { describe, expect, it } from 'vitest';
+import type { LinkMessage, StateMessage, VideoMessage } from '../api/types';
+import { newVehicle } from './mission';
+import { connectionWords, fixAgeTone, linkWords, methodWords, modeWords, vehicleWords, videoWords } from './words';
+
+const vehicle = (fields: object) => ({ ...newVehicle('1'), ...fields });
+const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: false, last_fix_age_s: 0.4, ...fields } as StateMessage });
+
+describe('modeWords', () => {
+  it('says what the position rests on', () => {
+    expect(modeWords(null).text).toBe('NO ESTIMATE');
+    expect(modeWords(state({})).text).toBe('GPS');
+    expect(modeWords(state({ mode: 'vision', gps_denied: true })).text).toBe('VISION – GPS denied');
+    expect(modeWords(state({ mode: 'vision' })).text).toBe('VISION – no GPS');
+    expect(modeWords(state({ mode: 'dead_reckoning', last_fix_age_s: 75 }))).toMatchObject({ text: 'DEAD RECKONING', tone: 'watch' });
+    expect(modeWords(state({ mode: 'dead_reckoning', last_fix_age_s: 75 })).detail).toContain('1 min 15 s');
+    expect(modeWords(state({ mode: 'lost', gps_denied: true })).tone).toBe('bad');
+  });
+});
+
+describe('linkWords', () => {
+  const link = (fields: object) =>
+    linkWords(vehicle({ link: { connected: true, messages_per_s: 142.3, loss_pct: 0, heartbeat_age_s: 0.5, ...fields } as LinkMessage }));
+
+  it('shows rate, loss and silence', () => {
+    expect(linkWords(null).tone).toBe('none');
+    expect(link({})).toMatchObject({ text: '142 msg/s', tone: 'good' });
+    expect(link({ loss_pct: 8.25 })).toMatchObject({ text: '142 msg/s · 8.3 % lost', tone: 'watch' });
+    expect(link({ connected: false, heartbeat_age_s: 7.2 })).toMatchObject({ text: 'Lost 7.2 s', tone: 'bad' });
+    expect(link({ signed: true, endpoint: 'udpin:0.0.0.0:14550' }).detail).toContain('signed');
+  });
+
+  it('says that a replay has no link', () => {
+    expect(linkWords(newVehicle('replay-f')).text).toBe('Replay');
+  });
+});
+
+describe('videoWords', () => {
+  const video = (fields: object) =>
+    videoWords(vehicle({ video: { source: 'cam-1', status: 'flowing', fps: 24.9, width: 640, height: 480, ...fields } as VideoMessage }));
+
+  it('shows each state', () => {
+    expect(videoWords(null).text).toBe('Waiting');
+    expect(video({})).toMatchObject({ text: '25 fps 640×480', tone: 'good' });
+    expect(video({ status: 'frozen' }).tone).toBe('bad');
+    expect(video({ status: 'stopped', last_frame_age_s: 12 }).text).toBe('Stopped 12 s');
+  });
+});
+
+it('speaks of the connection, of fixes, methods and vehicles', () => {
+  expect(connectionWords({ phase: 'retrying', attempt: 2, retry_in_ms: 1600, reason: 'gone' })).toEqual({
+    text: 'Station lost – retry in 1.6 s',
+    detail: 'gone; attempt 2',
+    tone: 'bad',
+  });
+  expect([0.5, 8, 60, null].map(fixAgeTone)).toEqual(['good', 'watch', 'bad', 'none']);
+  expect([methodWords('ray_terrain'), methodWords('line_of_sight')]).toEqual(['ray to terrain', 'line of sight']);
+  expect(vehicleWords(vehicle({ telemetry: { vehicle_type: 'helicopter', simulated: true } }))).toBe('1 · helicopter (simulated)');
+  expect(vehicleWords(newVehicle('replay-f1'))).toBe('Replay f1');
+});

@@ -1,0 +1,134 @@
+/** What the status strip says, in plain words. Pure. */
+
+import type { Mode } from '../api/types';
+import { formatAge, formatNumber, withUnit } from '../geo/format';
+import type { ConnectionStatus } from '../source/source';
+import { isReplay, type Vehicle } from './mission';
+
+/** Calm, to be watched, or to be acted on; grey when there is nothing to judge. */
+export type Tone = 'good' | 'watch' | 'bad' | 'none';
+
+export interface Words {
+  text: string;
+  detail: string;
+  tone: Tone;
+}
+
+const MODE_WORDS: Record<Mode, string> = {
+  gps: 'GPS',
+  vision: 'VISION',
+  dead_reckoning: 'DEAD RECKONING',
+  lost: 'LOST',
+};
+
+export function modeWords(vehicle: Vehicle | null): Words {
+  const state = vehicle?.state;
+  if (!state) return { text: 'NO ESTIMATE', detail: 'The station has not estimated a position yet.', tone: 'none' };
+  const age = formatAge(state.last_fix_age_s);
+  const denied = state.gps_denied ? ' – GPS denied' : '';
+  switch (state.mode) {
+    case 'gps':
+      return { text: 'GPS', detail: 'GPS is in use; vision runs beside it.', tone: 'good' };
+    case 'vision':
+      return {
+        text: `VISION${denied || ' – no GPS'}`,
+        detail: `Position from the video and the reference map. Last accepted fix ${age} ago.`,
+        tone: 'good',
+      };
+    case 'dead_reckoning':
+      return {
+        text: `DEAD RECKONING${denied}`,
+        detail: `No accepted fix for ${age}: the position drifts, and its ellipse grows.`,
+        tone: 'watch',
+      };
+    case 'lost':
+      return { text: `LOST${denied}`, detail: 'The position is not known well enough to be used.', tone: 'bad' };
+    default:
+      return { text: MODE_WORDS[state.mode] ?? String(state.mode).toUpperCase(), detail: '', tone: 'none' };
+  }
+}
+
+export function linkWords(vehicle: Vehicle | null): Words {
+  if (vehicle && isReplay(vehicle.id)) return { text: 'Replay', detail: 'Recorded telemetry', tone: 'good' };
+  const link = vehicle?.link;
+  if (!link) return { text: 'No link', detail: 'No telemetry has arrived.', tone: 'none' };
+  const detail = [
+    link.endpoint ?? '',
+    withUnit((link.bytes_per_s ?? NaN) / 1000, 'kB/s', 1),
+    `loss ${withUnit(link.loss_pct, '%', 1)}`,
+    `noise ${withUnit(link.noise_bytes, 'B')}`,
+    link.signed ? 'signed' : 'unsigned',
+  ]
+    .filter(Boolean)
+    .join(' · ');
+  if (!link.connected) return { text: `Lost ${formatAge(link.heartbeat_age_s)}`, detail, tone: 'bad' };
+  const lossy = (link.loss_pct ?? 0) > 5 || (link.heartbeat_age_s ?? 0) > 2.5;
+  const loss = (link.loss_pct ?? 0) >= 0.1 ? ` · ${formatNumber(link.loss_pct, 1)} % lost` : '';
+  return { text: `${formatNumber(link.messages_per_s)} msg/s${loss}`, detail, tone: lossy ? 'watch' : 'good' };
+}
+
+export function videoWords(vehicle: Vehicle | null): Words {
+  const video = vehicle?.video;
+  if (!video || video.status === 'waiting') {
+    return { text: 'Waiting', detail: video ? `${video.source}: no frame yet` : 'No video source yet', tone: 'none' };
+  }
+  const size = video.width && video.height ? `${video.width}×${video.height}` : '';
+  const detail = [
+    video.source,
+    size,
+    video.codec ?? '',
+    `latency to the station ${withUnit(video.latency_ms, 'ms')}`,
+    `${formatNumber(video.decode_errors)} decode errors`,
+  ]
+    .filter(Boolean)
+    .join(' · ');
+  switch (video.status) {
+    case 'flowing':
+      return { text: `${formatNumber(video.fps)} fps ${size}`, detail, tone: 'good' };
+    case 'frozen':
+      return { text: 'Frozen picture', detail, tone: 'bad' };
+    case 'stopped':
+      return { text: `Stopped ${formatAge(video.last_frame_age_s)}`, detail, tone: 'bad' };
+    default:
+      return { text: String(video.status), detail, tone: 'none' };
+  }
+}
+
+export function fixAgeTone(age_s: number | null | undefined): Tone {
+  if (age_s === null || age_s === undefined) return 'none';
+  return age_s < 3 ? 'good' : age_s < 15 ? 'watch' : 'bad';
+}
+
+export function connectionWords(status: ConnectionStatus): Words {
+  switch (status.phase) {
+    case 'open':
+      return { text: 'Station', detail: 'Connected to the station', tone: 'good' };
+    case 'connecting':
+      return { text: 'Connecting…', detail: status.reason, tone: 'watch' };
+    case 'retrying':
+      return {
+        text: `Station lost – retry in ${formatNumber((status.retry_in_ms ?? 0) / 1000, 1)} s`,
+        detail: `${status.reason}; attempt ${status.attempt}`,
+        tone: 'bad',
+      };
+    case 'closed':
+      return { text: 'Disconnected', detail: status.reason, tone: 'bad' };
+  }
+}
+
+const METHOD_WORDS: Record<string, string> = {
+  ray_terrain: 'ray to terrain',
+  ray_flat: 'ray to flat ground',
+  manual: 'entered by hand',
+};
+
+export function methodWords(method: string): string {
+  return METHOD_WORDS[method] ?? method.replaceAll('_', ' ');
+}
+
+export function vehicleWords(vehicle: Vehicle): string {
+  if (isReplay(vehicle.id)) return `Replay ${vehicle.replay?.flight_id ?? vehicle.id.slice('replay-'.length)}`;
+  const type = vehicle.telemetry?.vehicle_type ?? vehicle.summary?.vehicle_type ?? 'vehicle';
+  const simulated = vehicle.telemetry?.simulated ?? vehicle.summary?.simulated ?? false;
+  return `${vehicle.id} · ${String(type).replaceAll('_', ' ')}${simulated ? ' (simulated)' : ''}`;
+}
