@@ -72,7 +72,7 @@ class FlightFolder:
         FlightFolderError
             Something needed is missing, malformed or contradicts something else.
         """
-        folder = Path(path).expanduser().absolute()
+        folder = Path(path).expanduser().resolve()
         if folder.name == "flight.json" and folder.is_file():
             folder = folder.parent
         if not folder.is_dir():
