@@ -1,103 +1,226 @@
-"""Rays cut with the ground, and how errors of the camera's pose move the point."""
+"""Where rays meet the ground, and how sure that is.
+
+Everything in a local north-east-down frame, metres; rays need not be unit vectors. Down is positive below the frame's
+origin. A slope (..., 2) is the change of the ground's down per metre north and per metre east.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from estimator.geometry.earth import Float
-from estimator.geometry.rotation import skew
+from estimator.geometry.rotation import Float, skew
 
 DownAt = Callable[[Float, Float], Float]
+"""The ground's down at north (k,) and east (k,); NaN where unknown."""
+
+_BISECTIONS: Final = 40
 
 
-def intersect_plane(origin_ned_m: Float, rays_ned: Float, down_m: float) -> Float:
-    """Points (..., 3) where rays (..., 3) from an origin (3,) meet the level plane; NaN where not ahead."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = (down_m - origin_ned_m[..., 2]) / rays_ned[..., 2]
-    distance = np.where(distance > 0.0, distance, np.nan)
-    out: Float = origin_ned_m + rays_ned * distance[..., None]
-    return out
+def intersect_plane(origin_ned_m: Float, rays_ned: Float, down_m: float | Float) -> Float:
+    """Where rays (..., 3) from ``origin_ned_m`` (..., 3) meet the level plane at ``down_m`` (...).
+
+    NaN where the plane is not ahead of the ray. The inputs broadcast.
+    """
+    origin, rays = np.broadcast_arrays(
+        np.asarray(origin_ned_m, dtype=np.float64), np.asarray(rays_ned, dtype=np.float64)
+    )
+    down = np.asarray(down_m, dtype=np.float64)
+    descent = rays[..., 2]
+    along = (down - origin[..., 2]) / np.where(descent == 0.0, np.nan, descent)
+    along = np.where(along > 0.0, along, np.nan)
+    points: Float = origin + along[..., np.newaxis] * rays
+    # Exactly on the plane, whatever the rounding above.
+    points[..., 2] = np.where(np.isnan(points[..., 2]), np.nan, down)
+    return points
 
 
 def intersect_terrain(
-    origin_ned_m: Float, rays_ned: Float, down_at: DownAt, max_range_m: float = 3000.0, step_m: float = 5.0
+    origin_ned_m: Float,
+    rays_ned: Float,
+    down_at: DownAt,
+    max_range_m: float,
+    *,
+    min_step_m: float = 0.5,
+    max_slope: float = 3.0,
+    tolerance_m: float = 1e-4,
 ) -> Float:
-    """First points (..., 3) where unit rays (..., 3) from an origin (3,) meet the terrain; NaN on a miss.
-
-    ``down_at(north, east)`` gives the terrain's down coordinate, NaN where unknown. The rays are marched in steps of
-    ``step_m``, then the crossing is bisected to a millimetre; a ridge thinner than a step can be stepped over.
-    """
-    shape = rays_ned.shape[:-1]
-    rays = rays_ned.reshape(-1, 3)
-    origin = np.broadcast_to(origin_ned_m, rays.shape)
-
-    def below(distance: Float, index: Float) -> Float:
-        points = origin[index] + rays[index] * distance[:, None]
-        out: Float = points[:, 2] - down_at(points[:, 0], points[:, 1])
-        return out
-
-    near = np.zeros(len(rays))
-    far = np.full(len(rays), np.nan)
-    active = np.flatnonzero(np.isfinite(rays).all(axis=1))
-    if active.size:
-        active = active[~(below(near[active], active) > 0.0)]
-    distance = 0.0
-    while active.size and distance < max_range_m:
-        distance += step_m
-        depth = below(np.full(active.size, distance), active)
-        hit = depth > 0.0
-        far[active[hit]] = distance
-        active = active[~hit]
-        near[active] = distance
-    crossed = np.flatnonzero(np.isfinite(far))
-    low, high = near[crossed], far[crossed]
-    for _ in range(int(np.ceil(np.log2(max(step_m, 1e-2) / 1e-3)))):
-        middle = 0.5 * (low + high)
-        under = below(middle, crossed) > 0.0
-        low, high = np.where(under, low, middle), np.where(under, middle, high)
-    points = np.full(rays.shape, np.nan)
-    points[crossed] = origin[crossed] + rays[crossed] * (0.5 * (low + high))[:, None]
-    return points.reshape(*shape, 3)
-
-
-def ray_ground_jacobian(origin_ned_m: Float, ray_ned: Float, point_ned_m: Float, slope_ne: Float) -> Float:
-    """Derivative (2, 6) of a ground point's north and east by camera position (3) and rotation about the NED axes (3).
-
-    ``slope_ne`` (2,) is the terrain's down coordinate per metre north and east. The ray r turns by dtheta x r.
-    """
-    normal = np.array([-slope_ne[0], -slope_ne[1], 1.0])
-    along = float(normal @ ray_ned)
-    distance = float(np.linalg.norm(point_ned_m - origin_ned_m))
-    # the point slides along the ray until it is back on the plane
-    slide = np.eye(3) - np.outer(ray_ned, normal) / along
-    by_rotation = slide @ (-skew(ray_ned)) * distance
-    return np.concatenate((slide[:2], by_rotation[:2]), axis=1)
-
-
-def ground_point_covariance(
-    origin_ned_m: Float, ray_ned: Float, point_ned_m: Float, slope_ne: Float, cov_camera_pose: Float,
-    pixel_std_rad: float, ground_std_m: float,
-) -> Float:  # fmt: skip
-    """Covariance (3, 3) NED of the ground point that a ray (3,) meets.
+    """Where rays (..., 3) from ``origin_ned_m`` (..., 3) first go below the terrain.
 
     Parameters
     ----------
-    cov_camera_pose
-        (6, 6) of position (m) and rotation error about the NED axes (rad).
-    pixel_std_rad
-        Angular error of the pixel that was pointed at, each way.
-    ground_std_m
-        Error of the terrain's height.
+    down_at
+        The ground's down for vectors of north and east.
+    max_range_m
+        Slant range at which a ray has missed.
+    min_step_m, max_slope
+        The march steps as far as a ground no steeper than ``max_slope`` allows, and at least ``min_step_m``. What is
+        steeper and thinner than that (a mast, a corner of a roof that the ray cuts by less) can be missed.
+    tolerance_m
+        Length along the ray to which the bisection closes in.
+
+    Returns
+    -------
+    Points (..., 3); NaN for rays that miss, start at or below the ground, or enter it where it is unknown. Unknown
+    ground that a ray passes over does not stop it.
     """
-    normal = np.array([-slope_ne[0], -slope_ne[1], 1.0])
-    along = float(normal @ ray_ned)
-    distance = float(np.linalg.norm(point_ned_m - origin_ned_m))
-    slide = np.eye(3) - np.outer(ray_ned, normal) / along
-    J = np.concatenate((slide, slide @ (-skew(ray_ned)) * distance), axis=1)
-    across = slide * distance
-    pointing = across @ (np.eye(3) - np.outer(ray_ned, ray_ned)) @ across.T * pixel_std_rad**2
-    by_height = ray_ned / along
-    cov: Float = J @ cov_camera_pose @ J.T + pointing + np.outer(by_height, by_height) * ground_std_m**2
-    return cov
+    origin, rays = np.broadcast_arrays(
+        np.asarray(origin_ned_m, dtype=np.float64), np.asarray(rays_ned, dtype=np.float64)
+    )
+    shape = rays.shape
+    origin, rays = origin.reshape(-1, 3), rays.reshape(-1, 3)
+    length = np.sqrt(np.sum(rays * rays, axis=-1, keepdims=True))
+    rays = rays / np.where(length > 0.0, length, np.nan)
+
+    before_m, after_m = _march(origin, rays, down_at, max_range_m, min_step_m, max_slope)
+    points = np.full(rays.shape, np.nan)
+    hit = np.flatnonzero(np.isfinite(after_m))
+    if hit.size:
+        points[hit] = _bisect(origin[hit], rays[hit], down_at, before_m[hit], after_m[hit], tolerance_m)
+    return points.reshape(shape)
+
+
+def _march(
+    origin: Float, rays: Float, down_at: DownAt, max_range_m: float, min_step_m: float, max_slope: float
+) -> tuple[Float, Float]:
+    """Ranges (n,) last above and first below the ground; NaN for rays that never are."""
+    before_m = np.full(len(rays), np.nan)
+    after_m = np.full(len(rays), np.nan)
+    active = np.flatnonzero(np.all(np.isfinite(origin) & np.isfinite(rays), axis=-1))
+    # How fast, per metre along the ray, the gap closes over ground that rises towards it at the steepest.
+    closing = rays[:, 2] + max_slope * np.hypot(rays[:, 0], rays[:, 1])
+    range_m = np.zeros(active.size)
+    gap_m = _gap(origin[active], rays[active], down_at, range_m)
+    active, range_m, gap_m = _keep(~(gap_m <= 0.0), active, range_m, gap_m)
+    while active.size:
+        rate = closing[active]
+        free_m = np.where(rate > 0.0, gap_m / np.where(rate > 0.0, rate, 1.0), max_range_m)
+        step_m = np.maximum(np.where(np.isnan(gap_m), min_step_m, free_m), min_step_m)
+        next_m = np.minimum(range_m + step_m, max_range_m)
+        next_gap_m = _gap(origin[active], rays[active], down_at, next_m)
+        below = next_gap_m <= 0.0
+        # From unknown ground to below it: the ray went in where nobody knows.
+        known = below & ~np.isnan(gap_m)
+        before_m[active[known]], after_m[active[known]] = range_m[known], next_m[known]
+        active, range_m, gap_m = _keep(~below & (next_m < max_range_m), active, next_m, next_gap_m)
+    return before_m, after_m
+
+
+def _keep(
+    which: NDArray[np.bool_], active: NDArray[np.intp], range_m: Float, gap_m: Float
+) -> tuple[NDArray[np.intp], Float, Float]:
+    return active[which], range_m[which], gap_m[which]
+
+
+def _gap(origin: Float, rays: Float, down_at: DownAt, range_m: Float) -> Float:
+    """Height above the ground (n,) at ranges (n,) along rays; NaN where the ground is unknown."""
+    points = origin + range_m[:, np.newaxis] * rays
+    gap: Float = down_at(points[:, 0], points[:, 1]) - points[:, 2]
+    return gap
+
+
+def _bisect(origin: Float, rays: Float, down_at: DownAt, before_m: Float, after_m: Float, tolerance_m: float) -> Float:
+    """Points (n, 3) where rays cross the ground between two ranges."""
+    for _ in range(_BISECTIONS):
+        if np.all(after_m - before_m <= tolerance_m):
+            break
+        middle_m = 0.5 * (before_m + after_m)
+        gap_m = _gap(origin, rays, down_at, middle_m)
+        # Unknown counts as above, so that the bracket closes on where the known ground is crossed.
+        below = gap_m <= 0.0
+        before_m, after_m = np.where(below, before_m, middle_m), np.where(below, middle_m, after_m)
+    gap_before_m = _gap(origin, rays, down_at, before_m)
+    gap_after_m = _gap(origin, rays, down_at, after_m)
+    fraction = gap_before_m / np.where(gap_before_m > gap_after_m, gap_before_m - gap_after_m, np.nan)
+    range_m = before_m + fraction * (after_m - before_m)
+    return origin + range_m[:, np.newaxis] * rays
+
+
+def terrain_slope(down_at: DownAt, pos_ne_m: Float, step_m: float) -> Float:
+    """Slope (..., 2) of the terrain at north and east (..., 2), by central differences over ``2 step_m``."""
+    ne = np.asarray(pos_ne_m, dtype=np.float64)
+    north, east = np.ravel(ne[..., 0]), np.ravel(ne[..., 1])
+    along_north = down_at(north + step_m, east) - down_at(north - step_m, east)
+    along_east = down_at(north, east + step_m) - down_at(north, east - step_m)
+    return np.stack((along_north, along_east), axis=-1).reshape(ne.shape) / (2.0 * step_m)
+
+
+def ray_ground_jacobian(origin_ned_m: Float, point_ned_m: Float, slope_ne: Float | None = None) -> Float:
+    """How the place a ray meets the ground moves with the camera's pose.
+
+    Parameters
+    ----------
+    origin_ned_m, point_ned_m
+        The camera (..., 3) and the point on the ground (..., 3) that the ray meets.
+    slope_ne
+        Slope (..., 2) of the ground there; level when absent.
+
+    Returns
+    -------
+    (..., 2, 6): d(north, east) by the camera's north, east, down and by a small rotation about the NED axes, in the
+    sense R_true = Exp(dtheta_ned) R. NaN where the ray does not go down into the ground.
+    """
+    return _point_jacobian(origin_ned_m, point_ned_m, slope_ne)[0][..., :2, :]
+
+
+def ground_point_covariance(
+    origin_ned_m: Float,
+    point_ned_m: Float,
+    cov_camera_pose: Float,
+    pixel_std_rad: float | Float,
+    ground_std_m: float | Float,
+    slope_ne: Float | None = None,
+) -> Float:
+    """Covariance (..., 3, 3), NED in square metres, of a point where a ray meets the ground.
+
+    Parameters
+    ----------
+    origin_ned_m, point_ned_m, slope_ne
+        As for ``ray_ground_jacobian``.
+    cov_camera_pose
+        (..., 6, 6): the camera's position NED (m), then its small rotation error about the NED axes (rad).
+    pixel_std_rad
+        Standard deviation (...) of the ray's direction across itself, per axis: pixels over focal length.
+    ground_std_m
+        Standard deviation (...) of the ground's height. An error of it moves the point along the ray.
+
+    Notes
+    -----
+    First order: P = J C J^T + sigma_px^2 A A^T + sigma_g^2 u u^T, with A the derivative by a turn of the ray and u the
+    displacement per metre of ground height. NaN where the ray does not go down into the ground.
+    """
+    jacobian, per_down = _point_jacobian(origin_ned_m, point_ned_m, slope_ne)
+    # Turning the ray about itself moves nothing, so an isotropic turn is exactly the two across.
+    turn = jacobian[..., 3:]
+    pixel_var = np.asarray(pixel_std_rad, dtype=np.float64)[..., np.newaxis, np.newaxis] ** 2
+    ground_var = np.asarray(ground_std_m, dtype=np.float64)[..., np.newaxis, np.newaxis] ** 2
+    cov: Float = jacobian @ cov_camera_pose @ np.swapaxes(jacobian, -1, -2)
+    cov = cov + pixel_var * (turn @ np.swapaxes(turn, -1, -2))
+    cov = cov + ground_var * per_down[..., :, np.newaxis] * per_down[..., np.newaxis, :]
+    return 0.5 * (cov + np.swapaxes(cov, -1, -2))
+
+
+def _point_jacobian(origin_ned_m: Float, point_ned_m: Float, slope_ne: Float | None) -> tuple[Float, Float]:
+    """d(point)/d(pose) (..., 3, 6) and d(point)/d(ground down) (..., 3).
+
+    The ground is the plane m . x = c with m = (-slope, 1). From x = o + s r follow, with do and dtheta of the pose,
+    dx = (I - r m^T / (m . r)) (do + s dtheta x r) + r / (m . r) dc.
+    """
+    sight = np.asarray(point_ned_m, dtype=np.float64) - np.asarray(origin_ned_m, dtype=np.float64)
+    upright = np.zeros(sight.shape)
+    upright[..., 2] = 1.0
+    if slope_ne is not None:
+        sight, upright = np.broadcast_arrays(sight, _normal(np.asarray(slope_ne, dtype=np.float64)))
+    descent = np.sum(upright * sight, axis=-1, keepdims=True)
+    per_down = sight / np.where(descent > 0.0, descent, np.nan)
+    onto_ground = np.eye(3) - per_down[..., :, np.newaxis] * upright[..., np.newaxis, :]
+    jacobian = np.concatenate((onto_ground, -onto_ground @ skew(sight)), axis=-1)
+    return jacobian, per_down
+
+
+def _normal(slope_ne: Float) -> Float:
+    """The vector (..., 3) across ground of a slope (..., 2), with a down component of 1."""
+    return np.concatenate((-slope_ne, np.ones((*slope_ne.shape[:-1], 1))), axis=-1)
