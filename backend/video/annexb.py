@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import zip_longest
 
 SLICE_NON_IDR = 1
 SLICE_IDR = 5
@@ -33,7 +34,7 @@ class SequenceParameters:
 def nal_units(annexb: bytes) -> Iterator[bytes]:
     """Units of a byte stream without their start codes, in order; empty ones are skipped."""
     starts = [m.end() for m in _START.finditer(annexb)]
-    for begin, following in zip(starts, [*starts[1:], len(annexb) + 3], strict=True):
+    for begin, following in zip_longest(starts, starts[1:], fillvalue=len(annexb) + 3):
         # A four-byte start code's extra zero, and any trailing zeros, belong to no unit (B.1.1).
         unit = annexb[begin : following - 3].rstrip(b"\x00")
         if unit:
