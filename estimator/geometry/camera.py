@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from estimator.geometry.rotation import Float, matrix_from_euler
 
-_FIXED_POINT_STEPS: Final = 2
-_NEWTON_STEPS: Final = 40
-_UNDISTORT_TOLERANCE: Final = 1e-12
-_SHORTEST_STEP: Final = 1e-3
+# Newton's method squares the error, so a step of this length leaves one far below 1e-12.
+_UNDISTORT_TOLERANCE: Final = 1e-10
+_FAST_STEPS: Final = 6
+_CAREFUL_STEPS: Final = 100
+_SHORTEST_FRACTION: Final = 1e-6
+_START_WITHIN: Final = 0.95
 
 GIMBAL_FROM_CAMERA: Final[Float] = np.array(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
 """Gimbal x is the optical axis (camera z), y is right (camera x), z is down in the picture (camera y)."""
@@ -40,7 +42,7 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
     max_radius: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -95,22 +97,26 @@ class Camera:
         points = np.asarray(xy, dtype=np.float64)
         if not any(self.distortion):
             return points.copy()
-        distorted, growth = self._distort(points)
-        r2 = np.sum(points * points, axis=-1)
-        return np.where((self._seen(r2) & (_determinant(growth) > 0.0))[..., np.newaxis], distorted, np.nan)
+        x, y = points[..., 0], points[..., 1]
+        x_distorted, y_distorted, growth = self._distort(x, y)
+        return _masked(x_distorted, y_distorted, self._seen(x, y, growth))
 
     def undistort(self, uv_px: Float) -> Float:
         """Ideal normalised coordinates (..., 2) of pixels (..., 2), good to 1e-9; NaN where there are none.
 
-        Two rounds of the usual fixed-point iteration, then Newton's with steps cut so that the misfit falls and the
-        point stays on the near side of the fold.
+        A fixed-point step and Newton's method settle nearly all pixels of a usual lens; for the rest the steps are
+        cut so that the misfit falls and the point stays on the near side of the fold.
         """
         uv = np.asarray(uv_px, dtype=np.float64)
         target = (uv - (self.cx_px, self.cy_px)) / (self.fx_px, self.fy_px)
         if not any(self.distortion):
             return target
         flat = target.reshape(-1, 2)
-        return self._undistort(flat).reshape(target.shape)
+        xy = self._undistort_fast(flat[:, 0], flat[:, 1])
+        left = np.isnan(xy[:, 0]) & np.all(np.isfinite(flat), axis=-1)
+        if np.any(left):
+            xy[left] = self._undistort_carefully(flat[left, 0], flat[left, 1])
+        return xy.reshape(target.shape)
 
     def contains(self, uv_px: Float) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie in the picture, its outermost half pixels included; False for NaN."""
@@ -140,82 +146,101 @@ class Camera:
             self.distortion,
         )
 
-    def _seen(self, r2: Float) -> NDArray[np.bool_]:
-        """Whether squared radii lie inside the radius of growth."""
-        seen: NDArray[np.bool_] = r2 < self.max_radius * self.max_radius
-        return seen
-
-    def _distort(self, xy: Float) -> tuple[Float, tuple[Float, Float, Float]]:
-        """Distorted coordinates and the entries (xx, xy, yy) of the symmetric Jacobian, without limits."""
+    def _distort(self, x: Float, y: Float) -> tuple[Float, Float, Growth]:
+        """Distorted coordinates (n,) and their Jacobian, without limits."""
         k1, k2, p1, p2, k3 = self.distortion
-        x, y = xy[..., 0], xy[..., 1]
-        r2 = x * x + y * y
+        xx, yy = x * x, y * y
+        r2 = xx + yy
         radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
         # d(radial)/dx = slope * x, and likewise for y.
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * (3.0 * k3)))
-        distorted = np.stack(
-            (
-                x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-                y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-            ),
-            axis=-1,
+        slope = 2.0 * k1 + r2 * (4.0 * k2 + r2 * (6.0 * k3))
+        slope_xy = slope * x * y
+        x_distorted = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * xx)
+        y_distorted = y * radial + p1 * (r2 + 2.0 * yy) + 2.0 * p2 * x * y
+        growth = Growth(
+            radial + slope * xx + 2.0 * p1 * y + 6.0 * p2 * x,
+            slope_xy + 2.0 * p1 * x + 2.0 * p2 * y,
+            radial + slope * yy + 6.0 * p1 * y + 2.0 * p2 * x,
         )
-        growth = (
-            radial + slope * x * x + 2.0 * p1 * y + 6.0 * p2 * x,
-            slope * x * y + 2.0 * p1 * x + 2.0 * p2 * y,
-            radial + slope * y * y + 6.0 * p1 * y + 2.0 * p2 * x,
-        )
-        return distorted, growth
+        return x_distorted, y_distorted, growth
 
-    def _undistort(self, target: Float) -> Float:
-        """Ideal coordinates (n, 2) of distorted ones (n, 2)."""
-        k1, k2, _, _, k3 = self.distortion
-        xy = self._inside(target)
-        for _ in range(_FIXED_POINT_STEPS):
-            r2 = np.sum(xy * xy, axis=-1, keepdims=True)
-            radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
-            shift = self._distort(xy)[0] - xy * radial
-            xy = self._inside((target - shift) / np.maximum(radial, 0.1))
+    def _seen(self, x: Float, y: Float, growth: Growth) -> NDArray[np.bool_]:
+        """Whether ideal points (n,) lie where the lens' model grows."""
+        seen: NDArray[np.bool_] = (x * x + y * y < self.max_radius * self.max_radius) & (growth.determinant > 0.0)
+        return seen
 
-        result = np.full_like(target, np.nan)
-        todo = np.flatnonzero(np.all(np.isfinite(target), axis=-1))
-        xy, target = xy[todo], target[todo]
-        for _ in range(_NEWTON_STEPS):
-            if not todo.size:
+    def _undistort_fast(self, x_target: Float, y_target: Float) -> Float:
+        """Ideal coordinates (n, 2) by a fixed-point step and Newton's method; NaN where that did not settle."""
+        x_start, y_start, _ = self._distort(x_target, y_target)
+        x, y = self._inside(2.0 * x_target - x_start, 2.0 * y_target - y_start)
+        for _ in range(_FAST_STEPS):
+            x_distorted, y_distorted, growth = self._distort(x, y)
+            x_step, y_step = growth.solve(x_target - x_distorted, y_target - y_distorted)
+            x, y = x + x_step, y + y_step
+            settled = x_step * x_step + y_step * y_step < _UNDISTORT_TOLERANCE**2
+            if np.all(settled):
                 break
-            distorted, growth = self._distort(xy)
-            misfit = target - distorted
-            step = _solve(growth, misfit)
-            xy_next = self._careful_step(xy, step, misfit, target)
-            done = np.sqrt(np.sum(step * step, axis=-1)) < _UNDISTORT_TOLERANCE
-            kept = done & self._seen(np.sum(xy_next * xy_next, axis=-1)) & (_determinant(growth) > 0.0)
-            result[todo[kept]] = xy_next[kept]
-            todo, xy, target = todo[~done], xy_next[~done], target[~done]
-        return result
+        return _masked(x, y, settled & self._seen(x, y, growth))
 
-    def _inside(self, xy: Float) -> Float:
-        """Points pulled radially to inside the radius of growth."""
+    def _undistort_carefully(self, x_target: Float, y_target: Float) -> Float:
+        """Ideal coordinates (n, 2) by Newton's method, each step halved until the misfit falls before the fold."""
+        x, y = self._inside(0.5 * x_target, 0.5 * y_target)
+        x_distorted, y_distorted, growth = self._distort(x, y)
+        x_miss, y_miss = x_target - x_distorted, y_target - y_distorted
+        fraction = np.ones_like(x)
+        settled = np.zeros(x.shape, dtype=np.bool_)
+        for _ in range(_CAREFUL_STEPS):
+            x_step, y_step = growth.solve(x_miss, y_miss)
+            x_next, y_next = x + fraction * x_step, y + fraction * y_step
+            x_distorted, y_distorted, growth_next = self._distort(x_next, y_next)
+            x_miss_next, y_miss_next = x_target - x_distorted, y_target - y_distorted
+            before, after = x_miss**2 + y_miss**2, x_miss_next**2 + y_miss_next**2
+            # At the solution rounding alone decides which misfit is less.
+            better = self._seen(x_next, y_next, growth_next) & ((after < before) | (after < _UNDISTORT_TOLERANCE**2))
+            settled |= better & (fraction == 1.0) & (x_step**2 + y_step**2 < _UNDISTORT_TOLERANCE**2)
+            if np.all(settled | (fraction < _SHORTEST_FRACTION)):
+                break
+            fraction = np.where(better, 1.0, 0.5 * fraction)
+            x, y = np.where(better, x_next, x), np.where(better, y_next, y)
+            x_miss, y_miss = np.where(better, x_miss_next, x_miss), np.where(better, y_miss_next, y_miss)
+            growth = growth_next.where(better, growth)
+        return _masked(x, y, settled)
+
+    def _inside(self, x: Float, y: Float) -> tuple[Float, Float]:
+        """Points (n,) pulled towards the axis to inside the radius of growth."""
         if math.isinf(self.max_radius):
-            return xy
-        radius = np.sqrt(np.sum(xy * xy, axis=-1, keepdims=True))
-        limit = 0.98 * self.max_radius
-        return np.where(radius > limit, xy * (limit / np.where(radius > 0.0, radius, 1.0)), xy)
+            return x, y
+        limit = _START_WITHIN * self.max_radius
+        shrink = limit / np.maximum(np.hypot(x, y), limit)
+        return x * shrink, y * shrink
 
-    def _careful_step(self, xy: Float, step: Float, misfit: Float, target: Float) -> Float:
-        """Points moved by the largest of step, step/2, step/4, ... that lowers the misfit and stays before the fold."""
-        before = np.sum(misfit * misfit, axis=-1)
-        fraction = np.ones(len(xy))
-        moved = xy + step
-        while True:
-            distorted, _ = self._distort(moved)
-            after = np.sum((target - distorted) ** 2, axis=-1)
-            # Rounding alone decides at the solution, so misfits below the tolerance count as good.
-            good = self._seen(np.sum(moved * moved, axis=-1)) & ((after < before) | (after < _UNDISTORT_TOLERANCE**2))
-            again = ~good & (fraction > _SHORTEST_STEP)
-            if not np.any(again):
-                return moved
-            fraction = np.where(again, 0.5 * fraction, fraction)
-            moved = xy + fraction[:, np.newaxis] * step
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Growth:
+    """Jacobian of the distortion: the entries (n,) of a symmetric matrix."""
+
+    xx: Float
+    xy: Float
+    yy: Float
+
+    @property
+    def determinant(self) -> Float:
+        """Change of area (n,); not positive where the picture folds over."""
+        return self.xx * self.yy - self.xy * self.xy
+
+    def solve(self, a: Float, b: Float) -> tuple[Float, Float]:
+        """Steps (n,) that change the distorted coordinates by (a, b); huge where the matrix is singular."""
+        determinant = self.determinant
+        determinant = np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
+        return (self.yy * a - self.xy * b) / determinant, (self.xx * b - self.xy * a) / determinant
+
+    def where(self, condition: NDArray[np.bool_], other: Growth) -> Growth:
+        """These entries where the condition holds, the other's elsewhere."""
+        return Growth(
+            np.where(condition, self.xx, other.xx),
+            np.where(condition, self.xy, other.xy),
+            np.where(condition, self.yy, other.yy),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,16 +286,6 @@ def _radius_of_growth(k1: float, k2: float, k3: float) -> float:
     return math.sqrt(float(np.min(real[real > 0.0], initial=np.inf)))
 
 
-def _determinant(growth: tuple[Float, Float, Float]) -> Float:
-    """Determinants (...) of symmetric matrices given as their entries xx, xy, yy."""
-    xx, xy, yy = growth
-    return xx * yy - xy * xy
-
-
-def _solve(growth: tuple[Float, Float, Float], misfit: Float) -> Float:
-    """Solutions (n, 2) of symmetric 2 x 2 systems; singular ones get a tiny pivot and so a step to be cut."""
-    xx, xy, yy = growth
-    determinant = _determinant(growth)
-    determinant = np.where(np.abs(determinant) < 1e-12, 1e-12, determinant)
-    a, b = misfit[..., 0], misfit[..., 1]
-    return np.stack((yy * a - xy * b, xx * b - xy * a), axis=-1) / determinant[..., np.newaxis]
+def _masked(x: Float, y: Float, keep: NDArray[np.bool_]) -> Float:
+    """Points (n, 2), NaN where not kept."""
+    return np.stack((np.where(keep, x, np.nan), np.where(keep, y, np.nan)), axis=-1)
