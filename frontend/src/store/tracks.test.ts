@@ -63,6 +63,13 @@ describe('TrackBook', () => {
     expect(book.of('1').vision.length).toBe(0);
   });
 
+  it('begins again at each hello, so that an interruption leaves no hole', () => {
+    const book = new TrackBook();
+    book.apply(state(0, 0));
+    book.apply({ type: 'hello', vehicles: [{ id: '1' }] } as StationMessage);
+    expect(book.of('1').vision.length).toBe(0);
+  });
+
   it('is primed from the station', () => {
     const book = new TrackBook();
     book.apply(state(20, 20));

@@ -108,10 +108,8 @@ export class TrackBook {
 
   /** Returns the vehicle whose trails were cleared by a new epoch, if one was. */
   apply(message: StationMessage): string | null {
-    if (message.type === 'hello') {
-      const named = new Set(message.vehicles.map((vehicle) => vehicle.id));
-      for (const id of this.vehicles.keys()) if (!named.has(id)) this.vehicles.delete(id);
-    }
+    // After an interruption the station remembers more than this page heard: begin again and let it prime.
+    if (message.type === 'hello') this.vehicles.clear();
     if (message.type !== 'state' && message.type !== 'gps') return null;
     const entry = this.entry(message.vehicle_id);
     let cleared: string | null = null;

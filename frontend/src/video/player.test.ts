@@ -185,10 +185,10 @@ describe('paused', () => {
     live(1, 100);
     await player.seek(60);
     player.step(-3);
-    await new Promise((resolve) => setImmediate(resolve));
+    await new Promise((resolve) => setTimeout(resolve));
     expect(player.view.shown?.frame_id).toBe(57);
     player.seekBehind(2);
-    await new Promise((resolve) => setImmediate(resolve));
+    await new Promise((resolve) => setTimeout(resolve));
     expect(player.view.shown?.frame_id).toBe(50);
   });
 

@@ -1,0 +1,65 @@
+import { describe, expect, it } from 'vitest';
+import { ApiError, problemError, RestApi } from './client';
+import type { Target } from './types';
+
+interface Call {
+  url: string;
+  init: RequestInit;
+}
+
+function station(status: number, body: unknown) {
+  const calls: Call[] = [];
+  const send = (url: unknown, init?: RequestInit) => {
+    calls.push({ url: String(url), init: init ?? {} });
+    return Promise.resolve(new Response(body === undefined ? null : JSON.stringify(body), { status }));
+  };
+  return { calls, api: new RestApi('http://station:8700/', send as typeof fetch) };
+}
+
+const target = { id: 'a/b', properties: { version: 4 } } as unknown as Target;
+
+describe('RestApi', () => {
+  it('sends a click with the number of its picture', async () => {
+    const { api, calls } = station(201, { id: 't' });
+    await api.createTarget({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });
+    expect(calls[0]?.url).toBe('http://station:8700/api/v1/targets');
+    expect(JSON.parse(String(calls[0]?.init.body))).toEqual({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });
+  });
+
+  it('names the version that a change is based on, and escapes ids', async () => {
+    const { api, calls } = station(200, {});
+    await api.renameTarget(target, 'Barn');
+    expect(calls[0]?.url).toBe('http://station:8700/api/v1/targets/a%2Fb');
+    expect((calls[0]?.init.headers as Record<string, string>)['if-match']).toBe('"4"');
+  });
+
+  it('accepts an empty answer', async () => {
+    await expect(station(204, undefined).api.deleteTarget(target)).resolves.toBeUndefined();
+  });
+
+  it('turns a problem document into words', async () => {
+    const { api } = station(422, { title: 'No ground there', detail: 'the ray does not meet the terrain', status: 422 });
+    const error = await api.createTarget({ lat_deg: 1, lon_deg: 2 }).catch((e: unknown) => e);
+    expect(error).toBeInstanceOf(ApiError);
+    expect((error as ApiError).message).toBe('No ground there: the ray does not meet the terrain');
+  });
+
+  it('says that the station does not answer', async () => {
+    const api = new RestApi('http://x/', () => Promise.reject(new TypeError('Failed to fetch')));
+    await expect(api.flights()).rejects.toMatchObject({ status: null, title: 'The station does not answer' });
+  });
+
+  it('reads flights with or without a wrapper', async () => {
+    expect(await station(200, [{ id: 'f' }]).api.flights()).toEqual([{ id: 'f' }]);
+    expect(await station(200, { flights: [{ id: 'f' }] }).api.flights()).toEqual([{ id: 'f' }]);
+  });
+});
+
+describe('problemError', () => {
+  it('has a sentence for anything', () => {
+    expect(problemError(502, '<html>').message).toBe('The station refused (502)');
+    expect(problemError(422, JSON.stringify({ title: 'Invalid', errors: [{ loc: ['body', 'u_px'], msg: 'missing' }] })).message).toBe(
+      'Invalid: body.u_px: missing',
+    );
+  });
+});

@@ -1,0 +1,190 @@
+/** The thin part between our GeoJSON and OpenLayers. It knows nothing of the station. */
+
+import { defaults as defaultControls, ScaleLine } from 'ol/control';
+import GeoJSON from 'ol/format/GeoJSON';
+import { defaults as defaultInteractions } from 'ol/interaction';
+import TileLayer from 'ol/layer/Tile';
+import VectorLayer from 'ol/layer/Vector';
+import OlMap from 'ol/Map';
+import { fromLonLat, toLonLat, transformExtent } from 'ol/proj';
+import VectorSource from 'ol/source/Vector';
+import XYZ from 'ol/source/XYZ';
+import type { StyleLike } from 'ol/style/Style';
+import View from 'ol/View';
+import type { MapSummary } from '../api/types';
+import type { LatLon } from '../geo/earth';
+import { latLon, position, type Collection } from '../geo/geojson';
+import {
+  ellipseStyle,
+  FOOTPRINT,
+  GPS_MARK,
+  GPS_TRACK,
+  targetEllipseStyle,
+  targetStyle,
+  vehicleStyle,
+  VISION_TRACK,
+} from './styles';
+import { zoomForGsd } from './zoom';
+
+export const OVERLAYS = [
+  'footprint',
+  'gpsTrack',
+  'visionTrack',
+  'targetEllipses',
+  'ellipse',
+  'gpsMark',
+  'targets',
+  'vehicles',
+] as const;
+export type Overlay = (typeof OVERLAYS)[number];
+
+const STYLES: Record<Overlay, StyleLike> = {
+  footprint: FOOTPRINT,
+  gpsTrack: GPS_TRACK,
+  visionTrack: VISION_TRACK,
+  targetEllipses: targetEllipseStyle,
+  ellipse: ellipseStyle,
+  gpsMark: GPS_MARK,
+  targets: targetStyle,
+  vehicles: vehicleStyle,
+};
+
+export interface ChartListener {
+  pointer(at: LatLon | null): void;
+  /** The operator took hold of the map. */
+  dragged(): void;
+  targetPicked(id: string): void;
+  tileFailed(map_id: string): void;
+}
+
+const WEB_MERCATOR = 'EPSG:3857';
+const CLOSE_ZOOM = 18;
+
+export class Chart {
+  private readonly map: OlMap;
+  private readonly sources = new Map<Overlay, VectorSource>();
+  private readonly layers = new Map<Overlay, VectorLayer>();
+  private readonly imagery = new Map<string, TileLayer>();
+  private readonly format = new GeoJSON({ featureProjection: WEB_MERCATOR });
+
+  constructor(element: HTMLElement, listener: ChartListener) {
+    const overlays = OVERLAYS.map((name, i) => {
+      const source = new VectorSource({ useSpatialIndex: false });
+      const layer = new VectorLayer({
+        source,
+        style: STYLES[name],
+        zIndex: 100 + i,
+        updateWhileAnimating: true,
+        updateWhileInteracting: true,
+      });
+      this.sources.set(name, source);
+      this.layers.set(name, layer);
+      return layer;
+    });
+    this.map = new OlMap({
+      target: element,
+      layers: overlays,
+      controls: defaultControls({ attribution: false, rotate: true }).extend([
+        new ScaleLine({ units: 'metric', minWidth: 90 }),
+      ]),
+      interactions: defaultInteractions({ altShiftDragRotate: true }),
+      view: new View({ center: [0, 0], zoom: 2, maxZoom: 23, minZoom: 1, constrainResolution: false }),
+    });
+    this.map.on('pointermove', (event) => {
+      if (!event.dragging) listener.pointer(latLon(toLonLat(event.coordinate)));
+    });
+    this.map.getViewport()?.addEventListener('pointerleave', () => listener.pointer(null));
+    this.map.on('pointerdrag', () => listener.dragged());
+    this.map.on('singleclick', (event) => {
+      const layer = this.layers.get('targets');
+      const hit = this.map.forEachFeatureAtPixel(event.pixel, (feature) => feature, {
+        hitTolerance: 8,
+        layerFilter: (candidate) => candidate === layer,
+      });
+      const id = hit?.getId();
+      if (id !== undefined) listener.targetPicked(String(id));
+    });
+    this.tileFailed = listener.tileFailed;
+  }
+
+  private readonly tileFailed: (map_id: string) => void;
+
+  close(): void {
+    this.map.setTarget(undefined);
+    this.map.dispose();
+  }
+
+  resize(): void {
+    this.map.updateSize();
+  }
+
+  draw(overlay: Overlay, features: Collection): void {
+    const source = this.sources.get(overlay);
+    if (!source) return;
+    source.clear(true);
+    source.addFeatures(this.format.readFeatures(features));
+  }
+
+  show(overlay: Overlay, visible: boolean): void {
+    this.layers.get(overlay)?.setVisible(visible);
+  }
+
+  /** Layers for exactly these maps, the finest on top. */
+  setImagery(maps: readonly MapSummary[], tileUrl: (map_id: string) => string): void {
+    const wanted = maps.filter((map) => map.kind === 'imagery');
+    for (const [id, layer] of this.imagery) {
+      if (wanted.some((map) => map.id === id)) continue;
+      this.map.removeLayer(layer);
+      this.imagery.delete(id);
+    }
+    const ordered = [...wanted].sort((a, b) => (b.gsd_m ?? Infinity) - (a.gsd_m ?? Infinity));
+    ordered.forEach((map, i) => {
+      let layer = this.imagery.get(map.id);
+      if (!layer) {
+        const { west_deg, south_deg, east_deg, north_deg } = map.bounds;
+        const source = new XYZ({
+          url: tileUrl(map.id),
+          minZoom: 0,
+          // Beyond the imagery's own resolution the browser enlarges; asking for more tiles would show nothing new.
+          maxZoom: zoomForGsd(map.gsd_m ?? 0.5, (south_deg + north_deg) / 2),
+          transition: 0,
+        });
+        source.on('tileloaderror', () => this.tileFailed(map.id));
+        layer = new TileLayer({
+          source,
+          extent: transformExtent([west_deg, south_deg, east_deg, north_deg], 'EPSG:4326', WEB_MERCATOR),
+        });
+        this.imagery.set(map.id, layer);
+        this.map.addLayer(layer);
+      }
+      layer.setZIndex(i);
+    });
+  }
+
+  showImagery(visible: boolean): void {
+    for (const layer of this.imagery.values()) layer.setVisible(visible);
+  }
+
+  fitMap(map: MapSummary): void {
+    const { west_deg, south_deg, east_deg, north_deg } = map.bounds;
+    const extent = transformExtent([west_deg, south_deg, east_deg, north_deg], 'EPSG:4326', WEB_MERCATOR);
+    this.map.getView().fit(extent, { padding: [20, 20, 20, 20], size: this.map.getSize() ?? [800, 600] });
+  }
+
+  /** Moves at once when following, smoothly when asked for by hand. */
+  centre(at: LatLon, smooth: boolean): void {
+    const view = this.map.getView();
+    const center = fromLonLat(position(at));
+    const zoom = (view.getZoom() ?? 0) < 12 ? CLOSE_ZOOM : undefined;
+    if (smooth) view.animate(zoom === undefined ? { center, duration: 250 } : { center, zoom, duration: 250 });
+    else {
+      view.setCenter(center);
+      if (zoom !== undefined) view.setZoom(zoom);
+    }
+  }
+
+  zoomBy(steps: number): void {
+    const view = this.map.getView();
+    view.animate({ zoom: (view.getZoom() ?? 0) + steps, duration: 150 });
+  }
+}

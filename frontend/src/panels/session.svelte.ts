@@ -1,0 +1,238 @@
+/** What the panels share: the folded mission, what is selected, and how the page is set. */
+
+import type { StationApi } from '../api/client';
+import { ApiError } from '../api/client';
+import type { StationMessage, Target } from '../api/types';
+import type { CoordinateFormat } from '../geo/format';
+import type { ConnectionStatus, Feed, Source } from '../source/source';
+import { StateHistory } from '../store/history';
+import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
+import { TrackBook } from '../store/tracks';
+
+export type Tab = 'targets' | 'alarms' | 'flights' | 'maps';
+
+export interface Notice {
+  id: number;
+  tone: 'info' | 'error';
+  text: string;
+}
+
+interface Preferences {
+  format: CoordinateFormat;
+  layers: Record<LayerName, boolean>;
+}
+
+export type LayerName = 'imagery' | 'gps' | 'vision' | 'ellipse' | 'footprint' | 'targets';
+
+const DEFAULTS: Preferences = {
+  format: 'dd',
+  layers: { imagery: true, gps: true, vision: true, ellipse: true, footprint: true, targets: true },
+};
+const STORED_AS = 'pilotage.preferences';
+const NOTICE_MS = { info: 3500, error: 12_000 };
+
+function storedPreferences(): Preferences {
+  try {
+    const stored = JSON.parse(localStorage.getItem(STORED_AS) ?? '{}') as Partial<Preferences>;
+    return { ...DEFAULTS, ...stored, layers: { ...DEFAULTS.layers, ...stored.layers } };
+  } catch {
+    return DEFAULTS;
+  }
+}
+
+/** Resolves once the page had a chance to draw, and even in a hidden tab, where no frames come. */
+function drawn(): Promise<void> {
+  return new Promise((resolve) => {
+    const timer = setTimeout(resolve, 250);
+    requestAnimationFrame(() => {
+      clearTimeout(timer);
+      resolve();
+    });
+  });
+}
+
+export class Session {
+  mission = $state.raw<Mission>(NO_MISSION);
+  connection = $state.raw<ConnectionStatus>({ phase: 'connecting', attempt: 0, retry_in_ms: null, reason: '' });
+  selectedVehicle = $state<string | null>(null);
+  selectedTarget = $state<string | null>(null);
+  tab = $state<Tab>('targets');
+  follow = $state(true);
+  videoLarge = $state(false);
+  format = $state<CoordinateFormat>(DEFAULTS.format);
+  layers = $state<Record<LayerName, boolean>>({ ...DEFAULTS.layers });
+  notices = $state.raw<Notice[]>([]);
+  /** Goes up with every change of a track. */
+  tracksRevision = $state(0);
+  /** Where the map should go next; a new object each time. */
+  goto = $state.raw<{ lat_deg: number; lon_deg: number } | null>(null);
+
+  readonly tracks = new TrackBook();
+  private readonly histories = new Map<string, StateHistory>();
+  private readonly primed = new Set<string>();
+  private noticeCount = 0;
+  private awaited: string | null = null;
+  private feed: Feed | null = null;
+
+  vehicle = $derived<Vehicle | null>(
+    this.selectedVehicle === null ? null : (this.mission.vehicles[this.selectedVehicle] ?? null),
+  );
+  vehicles = $derived(Object.values(this.mission.vehicles).sort((a, b) => a.id.localeCompare(b.id, 'en', { numeric: true })));
+  targets = $derived(
+    Object.values(this.mission.targets).sort((a, b) => b.properties.created_unix_us - a.properties.created_unix_us),
+  );
+  activeAlarms = $derived(this.mission.alarms.filter((alarm) => alarm.active));
+
+  constructor(
+    readonly source: Source,
+    readonly api: StationApi,
+  ) {
+    const stored = storedPreferences();
+    this.format = stored.format;
+    this.layers = stored.layers;
+  }
+
+  open(): void {
+    this.feed = this.source.openMessages({
+      status: (status) => {
+        this.connection = status;
+      },
+      messages: async (batch) => {
+        this.take(batch);
+        await drawn();
+      },
+    });
+  }
+
+  close(): void {
+    this.feed?.close();
+  }
+
+  private take(batch: StationMessage[]): void {
+    let mission = this.mission;
+    let moved = false;
+    for (const message of batch) {
+      mission = reduce(mission, message);
+      this.tracks.apply(message);
+      if (message.type === 'state') {
+        this.historyOf(message.vehicle_id).append(message);
+        moved = true;
+      }
+      if (message.type === 'gps') moved = true;
+      if (message.type === 'hello') {
+        moved = true;
+        // After an interruption the station knows more of the track than this page.
+        this.primed.clear();
+      }
+      if (message.type === 'ack' && message.status !== 'accepted') {
+        this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
+      }
+    }
+    this.mission = mission;
+    this.chooseVehicle();
+    if (moved) this.tracksRevision += 1;
+  }
+
+  private chooseVehicle(): void {
+    const ids = Object.keys(this.mission.vehicles);
+    if (this.awaited !== null && ids.includes(this.awaited)) {
+      const { awaited } = this;
+      this.awaited = null;
+      this.select(awaited);
+      return;
+    }
+    if (this.selectedVehicle !== null && ids.includes(this.selectedVehicle)) {
+      this.prime(this.selectedVehicle);
+      return;
+    }
+    const live = ids.find((id) => !isReplay(id));
+    const next = live ?? ids[0] ?? null;
+    if (next !== this.selectedVehicle) this.select(next);
+  }
+
+  select(vehicle_id: string | null): void {
+    this.selectedVehicle = vehicle_id;
+    this.follow = true;
+    if (vehicle_id !== null) this.prime(vehicle_id);
+  }
+
+  /** Select a vehicle as soon as the station speaks of it. */
+  awaitVehicle(vehicle_id: string): void {
+    if (vehicle_id in this.mission.vehicles) this.select(vehicle_id);
+    else this.awaited = vehicle_id;
+  }
+
+  private prime(vehicle_id: string): void {
+    if (this.primed.has(vehicle_id)) return;
+    this.primed.add(vehicle_id);
+    for (const source of ['gps', 'vision'] as const) {
+      this.api
+        .track(vehicle_id, source)
+        .then((track) => {
+          this.tracks.prime(vehicle_id, source, track);
+          this.tracksRevision += 1;
+        })
+        // Without the station's memory the trail simply starts now.
+        .catch(() => undefined);
+    }
+  }
+
+  historyOf(vehicle_id: string): StateHistory {
+    let history = this.histories.get(vehicle_id);
+    if (!history) {
+      history = new StateHistory();
+      this.histories.set(vehicle_id, history);
+    }
+    return history;
+  }
+
+  say(tone: Notice['tone'], text: string): void {
+    const notice = { id: ++this.noticeCount, tone, text };
+    this.notices = [...this.notices.slice(-3), notice];
+    setTimeout(() => this.dismiss(notice.id), NOTICE_MS[tone]);
+  }
+
+  dismiss(id: number): void {
+    this.notices = this.notices.filter((notice) => notice.id !== id);
+  }
+
+  /** Runs something that may be refused; the refusal is shown. */
+  async attempt<T>(what: string, work: () => Promise<T>): Promise<T | null> {
+    try {
+      return await work();
+    } catch (error) {
+      const why = error instanceof ApiError || error instanceof Error ? error.message : String(error);
+      this.say('error', `${what}: ${why}`);
+      return null;
+    }
+  }
+
+  /** The answer to a request, which may come before the message on the socket. */
+  keepTarget(target: Target): void {
+    this.mission = { ...this.mission, targets: withTarget(this.mission.targets, target) };
+  }
+
+  dropTarget(id: string): void {
+    const { [id]: _gone, ...targets } = this.mission.targets;
+    this.mission = { ...this.mission, targets };
+    if (this.selectedTarget === id) this.selectedTarget = null;
+  }
+
+  pickTarget(id: string, centre: boolean): void {
+    this.selectedTarget = id;
+    this.tab = 'targets';
+    const target = this.mission.targets[id];
+    if (centre && target) {
+      this.follow = false;
+      this.goto = { lat_deg: target.properties.lat_deg, lon_deg: target.properties.lon_deg };
+    }
+  }
+
+  savePreferences(): void {
+    try {
+      localStorage.setItem(STORED_AS, JSON.stringify({ format: this.format, layers: this.layers }));
+    } catch {
+      // A browser without storage forgets, and that is all.
+    }
+  }
+}
