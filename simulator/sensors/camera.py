@@ -24,7 +24,9 @@ _MIN_DOWN = 0.12
 class CameraView:
     """Renders pictures (height, width, 3) in blue, green, red for a camera pose in the world's frame."""
 
-    def __init__(self, world: World, camera: Camera, seed: int, noise_std: float = 2.4, vignetting: float = 0.28) -> None:
+    def __init__(
+        self, world: World, camera: Camera, seed: int, noise_std: float = 2.4, vignetting: float = 0.28
+    ) -> None:
         self.world, self.camera = world, camera
         self._rays = self._ray_grid()
         rng = rng_for(seed, "camera")

@@ -86,9 +86,7 @@ class Painter:
         colour[..., 1] *= 1 - np.float32(0.5) * hue
         return colour
 
-    def _rows(
-        self, factor: Float32, labels: Labels, patch: Patch, parcel: Parcel, crop: Crop, label: int
-    ) -> None:
+    def _rows(self, factor: Float32, labels: Labels, patch: Patch, parcel: Parcel, crop: Crop, label: int) -> None:
         rows, cols = patch.box(parcel.outline_ne_m)
         if rows.start >= rows.stop or cols.start >= cols.stop:
             return
@@ -137,4 +135,3 @@ def _row_profile(rng: np.random.Generator, crop: Crop, width_m: float) -> Float3
         for wheel in (-0.9, 0.9):
             profile = np.where(np.abs(phase - spacing / 2 - wheel) < 0.25, profile - 0.14, profile)
     return profile.astype(np.float32)
-

@@ -200,9 +200,7 @@ def _build_hall(
             return
 
 
-def _place_pitch(
-    rng: np.random.Generator, parcels: list[Parcel], ground: _Ground, pitches: list[ParkingLot]
-) -> None:
+def _place_pitch(rng: np.random.Generator, parcels: list[Parcel], ground: _Ground, pitches: list[ParkingLot]) -> None:
     for index in rng.permutation(len(parcels)):
         parcel = parcels[index]
         centre = parcel.outline_ne_m.mean(axis=0)

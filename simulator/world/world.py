@@ -197,4 +197,3 @@ def _raster(bands: NDArray[np.generic], about: list[object]) -> ReferenceRaster:
         raise ValueError(message)
     a, b, c, d, e, f = (float(value) for value in transform)
     return ReferenceRaster(bands, (a, b, c, d, e, f), crs)
-

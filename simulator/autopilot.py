@@ -1,0 +1,211 @@
+"""The autopilot's side of the link: answers commands, keeps its own idea of the position. No I/O, no clock."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from estimator.geometry.local import LocalFrame
+from estimator.types import Float
+from simulator.mavlink_input import messages_in
+from simulator.random_streams import rng_for
+from simulator.sensors.gnss import GnssFix, GnssReceiver
+from simulator.telemetry import Snapshot, Telemetry
+from simulator.vehicles.pilot import FlightMode, Pilot
+from simulator.vehicles.state import VehicleState
+
+_FORCE = 21196.0
+_GPS_UNIT = 4.0
+_FAILURE_OK, _FAILURE_OFF = 0.0, 1.0
+_AIRBORNE_M = 1.0
+
+_ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+_DENIED = mavlink.MAV_RESULT_DENIED
+_UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
+
+
+class BelievedPosition:
+    """The error of the autopilot's filter: it follows the receiver's, and runs away without it."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = rng_for(seed, "autopilot")
+        self.error_ned_m: Float = np.zeros(3)
+        self.vel_error_ned_m_s: Float = np.zeros(3)
+
+    def step(self, state: VehicleState, fix: GnssFix, dt_s: float) -> None:
+        """Take in one epoch of the receiver."""
+        if fix.has_fix:
+            self.error_ned_m = self.error_ned_m + 0.15 * (fix.pos_ned_m - state.pos_ned_m - self.error_ned_m)
+            self.vel_error_ned_m_s = 0.8 * self.vel_error_ned_m_s
+            return
+        # Dead reckoning on tilt: the velocity error walks, height is held by the barometer.
+        walk = 0.08 * np.sqrt(dt_s) * self._rng.standard_normal(2)
+        self.vel_error_ned_m_s = self.vel_error_ned_m_s + np.array([*walk, 0.0])
+        self.error_ned_m = self.error_ned_m + self.vel_error_ned_m_s * dt_s
+
+
+class Autopilot:
+    """Bytes in, bytes out, and orders to the pilot and the receiver in between."""
+
+    def __init__(
+        self, telemetry: Telemetry, pilot: Pilot, receiver: GnssReceiver, frame: LocalFrame, system_id: int
+    ) -> None:
+        self._telemetry, self._pilot, self._receiver, self._frame = telemetry, pilot, receiver, frame
+        self._system_id = system_id
+        self._outbox: list[bytes] = []
+        self.armed = True
+        self.say(mavlink.MAV_SEVERITY_INFO, "Simulated helicopter ready")
+
+    def say(self, severity: int, text: str) -> None:
+        """Queue a line for the operator."""
+        message = mavlink.MAVLink_statustext_message(severity, text.encode()[:50])
+        self._outbox.append(self._telemetry.pack(message))
+
+    def take_outbox(self) -> list[bytes]:
+        """Answers that wait to be sent."""
+        waiting, self._outbox = self._outbox, []
+        return waiting
+
+    def receive(self, data: bytes, state: VehicleState, now: Snapshot) -> None:
+        """Act on one datagram from a ground station."""
+        for message in messages_in(data):
+            kind = message.get_type()
+            if kind in ("COMMAND_LONG", "COMMAND_INT"):
+                if message.target_system in (0, self._system_id):
+                    self._command(message, state, now)
+            elif kind == "TIMESYNC" and message.tc1 == 0:
+                answer = mavlink.MAVLink_timesync_message(now.t_boot_us * 1000, message.ts1)
+                self._outbox.append(self._telemetry.pack(answer))
+            elif kind == "SET_MODE" and message.target_system in (0, self._system_id):
+                self._set_mode(float(message.custom_mode), state)
+            elif kind == "REQUEST_DATA_STREAM" and message.start_stop == 0:
+                continue
+            elif kind == "MISSION_REQUEST_LIST" and message.target_system == self._system_id:
+                count = mavlink.MAVLink_mission_count_message(
+                    message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type
+                )
+                self._outbox.append(self._telemetry.pack(count))
+
+    def _command(self, message: Any, state: VehicleState, now: Snapshot) -> None:
+        result = self._execute(message, state, now)
+        answer = mavlink.MAVLink_command_ack_message(
+            message.command, result, 255, 0, message.get_srcSystem(), message.get_srcComponent()
+        )
+        # The acknowledgement comes before what was asked for, as with ArduPilot.
+        self._outbox.insert(0, self._telemetry.pack(answer))
+
+    def _execute(self, message: Any, state: VehicleState, now: Snapshot) -> int:
+        command = message.command
+        if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            known = self._telemetry.set_interval(_index(message.param1), message.param2)
+            return int(_ACCEPTED if known else _DENIED)
+        if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            packet = self._telemetry.one(_index(message.param1), now)
+            if packet is None:
+                return int(_DENIED)
+            self._outbox.append(packet)
+            return int(_ACCEPTED)
+        if command == mavlink.MAV_CMD_INJECT_FAILURE:
+            return self._inject_failure(message, state)
+        if command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            return self._arm(message, state)
+        if command == mavlink.MAV_CMD_DO_SET_MODE:
+            return self._set_mode(message.param2, state)
+        if command == mavlink.MAV_CMD_DO_REPOSITION:
+            return self._reposition(message, state)
+        if command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            return self._take_off(message, state)
+        modes = {
+            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: FlightMode.RTL,
+            mavlink.MAV_CMD_NAV_LAND: FlightMode.LAND,
+            mavlink.MAV_CMD_NAV_LOITER_UNLIM: FlightMode.LOITER,
+            mavlink.MAV_CMD_MISSION_START: FlightMode.AUTO,
+        }
+        if command in modes:
+            return self._fly(modes[command], state)
+        return int(_UNSUPPORTED)
+
+    def _inject_failure(self, message: Any, state: VehicleState) -> int:
+        if message.param1 != _GPS_UNIT:
+            return int(_UNSUPPORTED)
+        if message.param2 not in (_FAILURE_OK, _FAILURE_OFF):
+            return int(_UNSUPPORTED)
+        off = message.param2 == _FAILURE_OFF
+        self.cut_gps(off, state.t_us)
+        return int(_ACCEPTED)
+
+    def cut_gps(self, off: bool, t_us: int) -> None:
+        """Cut or restore the receiver and say so."""
+        if off != self._receiver.is_off:
+            self._receiver.cut(off, t_us)
+            text = "GPS 1: signal lost" if off else "GPS 1: signal restored"
+            self.say(mavlink.MAV_SEVERITY_CRITICAL if off else mavlink.MAV_SEVERITY_INFO, text)
+
+    def _arm(self, message: Any, state: VehicleState) -> int:
+        if message.param1 >= 0.5:
+            self.armed = True
+            return int(_ACCEPTED)
+        if self._height_m(state) > _AIRBORNE_M and message.param2 != _FORCE:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Disarm: not landed")
+            return int(_DENIED)
+        if self._height_m(state) > _AIRBORNE_M:
+            # The world has no crash model.
+            return int(_DENIED)
+        self.armed = False
+        return int(_ACCEPTED)
+
+    def _set_mode(self, custom_mode: float, state: VehicleState) -> int:
+        if custom_mode not in list(FlightMode) or custom_mode == FlightMode.STABILIZE:
+            return int(_DENIED)
+        return self._fly(FlightMode(int(custom_mode)), state)
+
+    def _fly(self, mode: FlightMode, state: VehicleState) -> int:
+        if not self.armed:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Arm first")
+            return int(_DENIED)
+        self._pilot.fly(mode, state.pos_ned_m)
+        self.say(mavlink.MAV_SEVERITY_INFO, f"Mode {mode.name}")
+        return int(_ACCEPTED)
+
+    def _take_off(self, message: Any, state: VehicleState) -> int:
+        rise_m = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
+        if not self.armed or not 1.0 <= rise_m <= 400.0:
+            return int(_DENIED)
+        if self._height_m(state) > _AIRBORNE_M:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Takeoff: already flying")
+            return int(_DENIED)
+        goal = state.pos_ned_m - (0.0, 0.0, rise_m)
+        self._pilot.fly(FlightMode.GUIDED, state.pos_ned_m, goal)
+        return int(_ACCEPTED)
+
+    def _reposition(self, message: Any, state: VehicleState) -> int:
+        if message.get_type() == "COMMAND_INT":
+            lat_deg, lon_deg, alt_m, datum = message.x / 1e7, message.y / 1e7, message.z, message.frame
+        else:
+            lat_deg, lon_deg, alt_m = message.param5, message.param6, message.param7
+            datum = mavlink.MAV_FRAME_GLOBAL
+        if not (self.armed and abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+            return int(_DENIED)
+        goal = self._frame.ned_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), self._frame.alt_m)
+        relative = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
+        if not np.isfinite(alt_m):
+            goal[2] = state.pos_ned_m[2]
+        elif datum in relative:
+            goal[2] = self._pilot.home_ned_m[2] - alt_m
+        else:
+            goal[2] = self._frame.alt_m - alt_m
+        if np.abs(goal[:2]).max() > 5_000.0 or -goal[2] - self._frame.alt_m > 2_000.0:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Goto: too far")
+            return int(_DENIED)
+        self._pilot.fly(FlightMode.GUIDED, state.pos_ned_m, goal)
+        return int(_ACCEPTED)
+
+    def _height_m(self, state: VehicleState) -> float:
+        return float(self._pilot.home_ned_m[2] - state.pos_ned_m[2])
+
+
+def _index(value: float) -> int:
+    """A message's number sent as a float; -1 for nonsense."""
+    return int(value) if np.isfinite(value) and abs(value) < 2**24 else -1

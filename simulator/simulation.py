@@ -1,0 +1,173 @@
+"""One simulated aircraft in its world, advanced in fixed steps; the same seed gives the same flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.geometry.earth import isa_pressure_alt_m
+from estimator.geometry.rotation import matrix_from_q
+from estimator.types import Float
+from simulator.autopilot import Autopilot, BelievedPosition
+from simulator.scenario import Scenario
+from simulator.sensors.attitude_filter import AttitudeFilter
+from simulator.sensors.barometer import Barometer
+from simulator.sensors.gnss import GnssReceiver
+from simulator.sensors.inertial import InertialUnit
+from simulator.sensors.magnetometer import Magnetometer
+from simulator.telemetry import Snapshot, Telemetry
+from simulator.vehicles.helicopter import Helicopter
+from simulator.vehicles.pilot import Pilot
+from simulator.vehicles.route import make_route
+from simulator.vehicles.state import VehicleState
+from simulator.world.world import World
+
+STEP_US = 5_000
+_IMU_STEPS = 4
+_BARO_STEPS = 20
+_GNSS_STEPS = 40
+_ATTITUDE_STEPS = 8
+_BOOTED_BEFORE_US = 42_000_000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """A picture to be taken: when by the vehicle's clock, from where, looking where."""
+
+    t_unix_us: int
+    camera_pos_ned_m: Float
+    ned_from_camera: Float
+    state: VehicleState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepOutput:
+    """What one step sends out: packets, and at most one picture to take. ``t_unix_us`` is the station's time."""
+
+    t_unix_us: int
+    packets: list[bytes]
+    exposure: Exposure | None
+
+
+class Simulation:
+    """Wires world, vehicle, sensors and autopilot together."""
+
+    def __init__(self, scenario: Scenario, world: World, seed: int, start_unix_us: int) -> None:
+        self.scenario, self.world, self._start_unix_us = scenario, world, start_unix_us
+        flight = scenario.flight
+        route = make_route(
+            seed,
+            world.terrain,
+            world.spec.half_size_m,
+            flight.waypoints,
+            flight.height_agl_m,
+            flight.hover_stops,
+        )
+        self.home_ned_m = np.array([*route.start_ned_m[:2], -float(world.terrain.at(*route.start_ned_m[:2]))])
+        heading = float(np.arctan2(route.tangent_ne[0, 1], route.tangent_ne[0, 0]))
+        self._helicopter = Helicopter(
+            world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
+        )
+        self.pilot = Pilot(route, self.home_ned_m, flight.speed_m_s, flight.hover_s)
+        sensors = scenario.sensors
+        self._inertial = InertialUnit(seed, sensors)
+        self._barometer = Barometer(seed, sensors)
+        self._magnetometer = Magnetometer(seed)
+        self._receiver = GnssReceiver(seed, sensors)
+        self._attitude = AttitudeFilter(seed, sensors)
+        self._believed = BelievedPosition(seed)
+        self._telemetry = Telemetry(scenario.system_id, world.frame)
+        self.autopilot = Autopilot(self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id)
+        mount = scenario.camera.mount()
+        self._body_from_camera, self._lever_arm = mount.body_from_camera, mount.lever_arm_frd_m
+        self._clock_offset_us = round(scenario.vehicle_clock_offset_s * 1e6)
+        self._frame_interval_us = 1e6 / scenario.camera.frames_per_s
+        self._frames = 0
+        self._steps = 0
+        self._snapshot: Snapshot | None = None
+        self.state: VehicleState | None = None
+
+    @property
+    def elapsed_us(self) -> int:
+        """Time since the start."""
+        return self._steps * STEP_US
+
+    def receive(self, data: bytes) -> None:
+        """A datagram from a ground station; nothing before the first step."""
+        if self.state is not None and self._snapshot is not None:
+            self.autopilot.receive(data, self.state, self._snapshot)
+
+    def step(self) -> StepOutput:
+        """Advance by one step of 5 ms."""
+        self._steps += 1
+        t_us = self._steps * STEP_US
+        dt_s = STEP_US / 1e6
+        position = self.pilot.goal_ned_m if self.state is None else self.state.pos_ned_m
+        ground_down_m = -float(self.world.terrain.at(position[0], position[1]))
+        velocity, yaw = self.pilot.command(position, dt_s, ground_down_m)
+        state = self._helicopter.step(t_us, dt_s, velocity, yaw)
+        self.state = state
+        self._inertial.sample(state.rate_body_rad_s, state.specific_force_body_m_s2, dt_s)
+        for start_s, end_s in self.scenario.gps_cut_s:
+            for moment_s, off in ((start_s, True), (end_s, False)):
+                if t_us - STEP_US < moment_s * 1e6 <= t_us:
+                    self.autopilot.cut_gps(off, t_us)
+        packets: list[bytes] = []
+        if self._steps % _IMU_STEPS == 0:
+            now = self._sense(state)
+            packets = self._telemetry.due(now)
+        packets += self.autopilot.take_outbox()
+        return StepOutput(self._start_unix_us + t_us, packets, self._exposure(state))
+
+    def _sense(self, state: VehicleState) -> Snapshot:
+        """Read every sensor whose turn it is."""
+        before = self._snapshot
+        ned_from_body = matrix_from_q(state.q_ned_from_body)
+        rate, force = self._inertial.report()
+        believed = before.q_believed if before is not None else state.q_ned_from_body
+        pressure, baro_is_new, fix = 101325.0, False, None
+        if before is not None:
+            pressure, baro_is_new, fix = before.pressure_pa, before.baro_is_new, before.fix
+        if before is None or self._steps % _BARO_STEPS == 0:
+            alt_amsl_m = float(self.world.frame.geodetic_from_ned(state.pos_ned_m)[2])
+            pressure = self._barometer.pressure_pa(alt_amsl_m, _BARO_STEPS * STEP_US / 1e6)
+            baro_is_new = True
+        if before is None or self._steps % _GNSS_STEPS == 0:
+            fix = self._receiver.measure(state, _GNSS_STEPS * STEP_US / 1e6)
+            self._believed.step(state, fix, _GNSS_STEPS * STEP_US / 1e6)
+        if before is None or self._steps % _ATTITUDE_STEPS == 0:
+            believed = self._attitude.step(state.q_ned_from_body, _ATTITUDE_STEPS * STEP_US / 1e6)
+        drift = self._believed.error_ned_m
+        snapshot = Snapshot(
+            t_boot_us=state.t_us + _BOOTED_BEFORE_US,
+            t_unix_us=self._start_unix_us + state.t_us + self._clock_offset_us,
+            mode=self.pilot.mode,
+            armed=self.autopilot.armed,
+            rate_body_rad_s=rate,
+            specific_force_body_m_s2=force,
+            field_body_gauss=self._magnetometer.field_body_gauss(ned_from_body),
+            pressure_pa=pressure,
+            pressure_alt_m=float(isa_pressure_alt_m(pressure)),
+            baro_is_new=baro_is_new,
+            q_believed=believed,
+            pos_believed_ned_m=state.pos_ned_m + drift,
+            vel_believed_ned_m_s=state.vel_ned_m_s + self._believed.vel_error_ned_m_s,
+            fix=fix,
+            airspeed_m_s=float(np.linalg.norm(state.vel_ned_m_s - state.wind_ned_m_s)),
+            home_ned_m=self.home_ned_m,
+        )
+        self._snapshot = snapshot
+        return snapshot
+
+    def _exposure(self, state: VehicleState) -> Exposure | None:
+        if state.t_us < (self._frames + 1) * self._frame_interval_us:
+            return None
+        self._frames += 1
+        ned_from_body = matrix_from_q(state.q_ned_from_body)
+        return Exposure(
+            t_unix_us=self._start_unix_us + state.t_us + self._clock_offset_us,
+            camera_pos_ned_m=state.pos_ned_m + ned_from_body @ self._lever_arm,
+            ned_from_camera=ned_from_body @ self._body_from_camera,
+            state=state,
+        )

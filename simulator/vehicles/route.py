@@ -1,0 +1,87 @@
+"""A closed, smooth route over varied ground, with places to hover."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.types import Float
+from simulator.random_streams import rng_for
+from simulator.world.terrain import Terrain
+
+_STEP_M = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """Points (n, 3) in the world's frame, about 2 m apart, the last followed by the first; ``hover_at`` are indices."""
+
+    pos_ned_m: Float
+    tangent_ne: Float
+    curvature_per_m: Float
+    hover_at: tuple[int, ...]
+
+    @property
+    def start_ned_m(self) -> Float:
+        """Where it begins and ends, (3,)."""
+        start: Float = self.pos_ned_m[0]
+        return start
+
+
+def make_route(
+    seed: int,
+    terrain: Terrain,
+    half_size_m: float,
+    waypoints: int,
+    height_agl_m: tuple[float, float],
+    hover_stops: int,
+) -> Route:
+    """A loop of which the camera never sees past the world's edge; its radius swings between near and far."""
+    rng = rng_for(seed, "route")
+    angle = np.linspace(0, 2 * np.pi, waypoints, endpoint=False) + rng.normal(0, 0.16, waypoints)
+    angle += rng.uniform(0, 2 * np.pi)
+    # At the greatest height and tilt the picture reaches 0.95 of the height to the side.
+    far = max(half_size_m - 0.95 * height_agl_m[1] - 40.0, 0.25 * half_size_m)
+    radius = far * np.where(
+        np.arange(waypoints) % 2 == 0, rng.uniform(0.85, 1.0, waypoints), rng.uniform(0.25, 0.7, waypoints)
+    )
+    north, east = radius * np.cos(angle), radius * np.sin(angle)
+    height = terrain.at(north, east) + rng.uniform(*height_agl_m, waypoints)
+    nodes = np.stack([north, east, -height], axis=1)
+    points = _resampled(_closed_spline(nodes))
+    ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
+    tangent = (ahead - behind)[:, :2]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    bend = np.linalg.norm(np.roll(tangent, -3, axis=0) - np.roll(tangent, 3, axis=0), axis=1) / (6 * _STEP_M)
+    stops = np.linspace(0, len(points), hover_stops, endpoint=False).astype(int) + len(points) // 7
+    return Route(points, tangent, bend, tuple(int(stop) % len(points) for stop in stops))
+
+
+def _closed_spline(nodes: Float) -> Float:
+    """Centripetal Catmull-Rom through all nodes, closed."""
+    pieces = []
+    count = len(nodes)
+    for index in range(count):
+        p = [nodes[(index + k) % count] for k in (-1, 0, 1, 2)]
+        knots = np.concatenate([[0.0], np.cumsum([np.sqrt(np.linalg.norm(p[k + 1] - p[k])) for k in range(3)])])
+        t = np.linspace(knots[1], knots[2], 200, endpoint=False)[:, None]
+        a = [
+            (knots[k + 1] - t) / (knots[k + 1] - knots[k]) * p[k]
+            + (t - knots[k]) / (knots[k + 1] - knots[k]) * p[k + 1]
+            for k in range(3)
+        ]
+        b = [
+            (knots[k + 2] - t) / (knots[k + 2] - knots[k]) * a[k]
+            + (t - knots[k]) / (knots[k + 2] - knots[k]) * a[k + 1]
+            for k in range(2)
+        ]
+        pieces.append((knots[2] - t) / (knots[2] - knots[1]) * b[0] + (t - knots[1]) / (knots[2] - knots[1]) * b[1])
+    return np.vstack(pieces)
+
+
+def _resampled(points: Float) -> Float:
+    closed = np.vstack([points, points[:1]])
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, length[-1], int(length[-1] / _STEP_M), endpoint=False)
+    return np.stack([np.interp(at, length, closed[:, axis]) for axis in range(3)], axis=1)
