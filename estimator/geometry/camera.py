@@ -11,9 +11,10 @@ from dataclasses import dataclass, field
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from estimator.geometry.rotation import Float, matrix_from_euler
+from estimator.geometry.earth import Float
+from estimator.geometry.rotation import matrix_from_euler
 
 # Newton's method squares the error, so a step of this length leaves one far below 1e-12.
 _UNDISTORT_TOLERANCE: Final = 1e-10
@@ -42,7 +43,7 @@ class Camera:
     fy_px: float
     cx_px: float
     cy_px: float
-    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     max_radius: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -77,14 +78,14 @@ class Camera:
         """The camera matrix K (3, 3)."""
         return np.array(((self.fx_px, 0.0, self.cx_px), (0.0, self.fy_px, self.cy_px), (0.0, 0.0, 1.0)))
 
-    def project(self, points_camera_m: Float) -> Float:
+    def project(self, points_camera_m: ArrayLike) -> Float:
         """Pixels (..., 2) of points (..., 3) in the camera frame; NaN behind the camera and beyond the lens."""
         points = np.asarray(points_camera_m, dtype=np.float64)
         depth = points[..., 2:]
         xy = points[..., :2] / np.where(depth > 0.0, depth, np.nan)
         return self.distort(xy) * (self.fx_px, self.fy_px) + (self.cx_px, self.cy_px)
 
-    def rays(self, uv_px: Float) -> Float:
+    def rays(self, uv_px: ArrayLike) -> Float:
         """Unit vectors (..., 3) in the camera frame towards what the pixels (..., 2) show."""
         xy = self.undistort(uv_px)
         rays: Float = np.concatenate((xy, np.ones((*xy.shape[:-1], 1))), axis=-1)
@@ -92,7 +93,7 @@ class Camera:
         rays /= np.sqrt(np.sum(rays * rays, axis=-1, keepdims=True))
         return rays
 
-    def distort(self, xy: Float) -> Float:
+    def distort(self, xy: ArrayLike) -> Float:
         """Distorted normalised coordinates (..., 2) of ideal ones; NaN where the lens has no image."""
         points = np.asarray(xy, dtype=np.float64)
         if not any(self.distortion):
@@ -101,7 +102,7 @@ class Camera:
         x_distorted, y_distorted, growth = self._distort(x, y)
         return _masked(x_distorted, y_distorted, self._seen(x, y, growth))
 
-    def undistort(self, uv_px: Float) -> Float:
+    def undistort(self, uv_px: ArrayLike) -> Float:
         """Ideal normalised coordinates (..., 2) of pixels (..., 2), good to 1e-9; NaN where there are none.
 
         A fixed-point step and Newton's method settle nearly all pixels of a usual lens; for the rest the steps are
@@ -118,7 +119,7 @@ class Camera:
             xy[left] = self._undistort_carefully(flat[left, 0], flat[left, 1])
         return xy.reshape(target.shape)
 
-    def contains(self, uv_px: Float) -> NDArray[np.bool_]:
+    def contains(self, uv_px: ArrayLike) -> NDArray[np.bool_]:
         """Whether pixels (..., 2) lie in the picture, its outermost half pixels included; False for NaN."""
         uv = np.asarray(uv_px, dtype=np.float64)
         u, v = uv[..., 0], uv[..., 1]
@@ -247,13 +248,13 @@ class Growth:
 class Mount:
     """How a camera sits on the vehicle: Euler angles (z-y-x) of the gimbal frame relative to the body.
 
-    Pitch -90 degrees looks straight down, the top of the picture forward. ``lever_arm_frd_m`` (3,) leads from the
-    vehicle's reference point to the camera, in body forward-right-down.
+    Pitch -90 degrees, the default, looks straight down, the top of the picture forward. ``lever_arm_frd_m`` (3,)
+    leads from the vehicle's reference point to the camera, in body forward-right-down.
     """
 
-    roll_rad: float
-    pitch_rad: float
-    yaw_rad: float
+    roll_rad: float = 0.0
+    pitch_rad: float = -math.pi / 2
+    yaw_rad: float = 0.0
     lever_arm_frd_m: Float = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:

@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.geometry.rotation import Float, skew
+from estimator.geometry.earth import Float
+from estimator.geometry.rotation import skew
 
 DownAt = Callable[[Float, Float], Float]
 """The ground's down at north (k,) and east (k,); NaN where unknown."""
@@ -42,9 +43,9 @@ def intersect_terrain(
     origin_ned_m: Float,
     rays_ned: Float,
     down_at: DownAt,
-    max_range_m: float,
+    max_range_m: float = 3000.0,
+    step_m: float = 0.5,
     *,
-    min_step_m: float = 0.5,
     max_slope: float = 3.0,
     tolerance_m: float = 1e-4,
 ) -> Float:
@@ -56,8 +57,8 @@ def intersect_terrain(
         The ground's down for vectors of north and east.
     max_range_m
         Slant range at which a ray has missed.
-    min_step_m, max_slope
-        The march steps as far as a ground no steeper than ``max_slope`` allows, and at least ``min_step_m``. What is
+    step_m, max_slope
+        The march steps as far as a ground no steeper than ``max_slope`` allows, and at least ``step_m``. What is
         steeper and thinner than that (a mast, a corner of a roof that the ray cuts by less) can be missed.
     tolerance_m
         Length along the ray to which the bisection closes in.
@@ -67,6 +68,9 @@ def intersect_terrain(
     Points (..., 3); NaN for rays that miss, start at or below the ground, or enter it where it is unknown. Unknown
     ground that a ray passes over does not stop it.
     """
+    if not (step_m > 0.0 and tolerance_m > 0.0 and np.isfinite(max_range_m)):
+        message = f"steps and tolerance must be positive and the range finite: {step_m}, {tolerance_m}, {max_range_m} m"
+        raise ValueError(message)
     origin, rays = np.broadcast_arrays(
         np.asarray(origin_ned_m, dtype=np.float64), np.asarray(rays_ned, dtype=np.float64)
     )
@@ -75,7 +79,7 @@ def intersect_terrain(
     length = np.sqrt(np.sum(rays * rays, axis=-1, keepdims=True))
     rays = rays / np.where(length > 0.0, length, np.nan)
 
-    before_m, after_m = _march(origin, rays, down_at, max_range_m, min_step_m, max_slope)
+    before_m, after_m = _march(origin, rays, down_at, max_range_m, step_m, max_slope)
     points = np.full(rays.shape, np.nan)
     hit = np.flatnonzero(np.isfinite(after_m))
     if hit.size:
@@ -84,7 +88,7 @@ def intersect_terrain(
 
 
 def _march(
-    origin: Float, rays: Float, down_at: DownAt, max_range_m: float, min_step_m: float, max_slope: float
+    origin: Float, rays: Float, down_at: DownAt, max_range_m: float, step_m: float, max_slope: float
 ) -> tuple[Float, Float]:
     """Ranges (n,) last above and first below the ground; NaN for rays that never are."""
     before_m = np.full(len(rays), np.nan)
@@ -98,8 +102,8 @@ def _march(
     while active.size:
         rate = closing[active]
         free_m = np.where(rate > 0.0, gap_m / np.where(rate > 0.0, rate, 1.0), max_range_m)
-        step_m = np.maximum(np.where(np.isnan(gap_m), min_step_m, free_m), min_step_m)
-        next_m = np.minimum(range_m + step_m, max_range_m)
+        advance_m = np.maximum(np.where(np.isnan(gap_m), step_m, free_m), step_m)
+        next_m = np.minimum(range_m + advance_m, max_range_m)
         next_gap_m = _gap(origin[active], rays[active], down_at, next_m)
         below = next_gap_m <= 0.0
         # From unknown ground to below it: the ray went in where nobody knows.
@@ -148,13 +152,15 @@ def terrain_slope(down_at: DownAt, pos_ne_m: Float, step_m: float) -> Float:
     return np.stack((along_north, along_east), axis=-1).reshape(ne.shape) / (2.0 * step_m)
 
 
-def ray_ground_jacobian(origin_ned_m: Float, point_ned_m: Float, slope_ne: Float | None = None) -> Float:
-    """How the place a ray meets the ground moves with the camera's pose.
+def ray_ground_jacobian(
+    origin_ned_m: Float, ray_ned: Float, point_ned_m: Float, slope_ne: Float | None = None
+) -> Float:
+    """How the place where a ray meets the ground moves with the camera's pose.
 
     Parameters
     ----------
-    origin_ned_m, point_ned_m
-        The camera (..., 3) and the point on the ground (..., 3) that the ray meets.
+    origin_ned_m, ray_ned, point_ned_m
+        The camera (..., 3), its ray (..., 3) of any length and the point (..., 3) on the ground that the ray meets.
     slope_ne
         Slope (..., 2) of the ground there; level when absent.
 
@@ -163,27 +169,28 @@ def ray_ground_jacobian(origin_ned_m: Float, point_ned_m: Float, slope_ne: Float
     (..., 2, 6): d(north, east) by the camera's north, east, down and by a small rotation about the NED axes, in the
     sense R_true = Exp(dtheta_ned) R. NaN where the ray does not go down into the ground.
     """
-    return _point_jacobian(origin_ned_m, point_ned_m, slope_ne)[0][..., :2, :]
+    return _point_jacobian(origin_ned_m, ray_ned, point_ned_m, slope_ne)[0][..., :2, :]
 
 
 def ground_point_covariance(
     origin_ned_m: Float,
+    ray_ned: Float,
     point_ned_m: Float,
+    slope_ne: Float | None,
     cov_camera_pose: Float,
     pixel_std_rad: float | Float,
     ground_std_m: float | Float,
-    slope_ne: Float | None = None,
 ) -> Float:
-    """Covariance (..., 3, 3), NED in square metres, of a point where a ray meets the ground.
+    """Covariance (..., 3, 3), NED in square metres, of the point where a ray meets the ground.
 
     Parameters
     ----------
-    origin_ned_m, point_ned_m, slope_ne
+    origin_ned_m, ray_ned, point_ned_m, slope_ne
         As for ``ray_ground_jacobian``.
     cov_camera_pose
         (..., 6, 6): the camera's position NED (m), then its small rotation error about the NED axes (rad).
     pixel_std_rad
-        Standard deviation (...) of the ray's direction across itself, per axis: pixels over focal length.
+        Standard deviation (...) of the ray's direction, each of the two ways across it: pixels over focal length.
     ground_std_m
         Standard deviation (...) of the ground's height. An error of it moves the point along the ray.
 
@@ -192,33 +199,36 @@ def ground_point_covariance(
     First order: P = J C J^T + sigma_px^2 A A^T + sigma_g^2 u u^T, with A the derivative by a turn of the ray and u the
     displacement per metre of ground height. NaN where the ray does not go down into the ground.
     """
-    jacobian, per_down = _point_jacobian(origin_ned_m, point_ned_m, slope_ne)
+    jacobian, per_down = _point_jacobian(origin_ned_m, ray_ned, point_ned_m, slope_ne)
     # Turning the ray about itself moves nothing, so an isotropic turn is exactly the two across.
     turn = jacobian[..., 3:]
     pixel_var = np.asarray(pixel_std_rad, dtype=np.float64)[..., np.newaxis, np.newaxis] ** 2
     ground_var = np.asarray(ground_std_m, dtype=np.float64)[..., np.newaxis, np.newaxis] ** 2
     cov: Float = jacobian @ cov_camera_pose @ np.swapaxes(jacobian, -1, -2)
     cov = cov + pixel_var * (turn @ np.swapaxes(turn, -1, -2))
-    cov = cov + ground_var * per_down[..., :, np.newaxis] * per_down[..., np.newaxis, :]
+    cov = cov + ground_var * (per_down[..., :, np.newaxis] * per_down[..., np.newaxis, :])
     return 0.5 * (cov + np.swapaxes(cov, -1, -2))
 
 
-def _point_jacobian(origin_ned_m: Float, point_ned_m: Float, slope_ne: Float | None) -> tuple[Float, Float]:
+def _point_jacobian(
+    origin_ned_m: Float, ray_ned: Float, point_ned_m: Float, slope_ne: Float | None
+) -> tuple[Float, Float]:
     """d(point)/d(pose) (..., 3, 6) and d(point)/d(ground down) (..., 3).
 
-    The ground is the plane m . x = c with m = (-slope, 1). From x = o + s r follow, with do and dtheta of the pose,
+    The ground is the plane m . x = c with m = (-slope, 1). With x = o + s r, and do and dtheta of the pose, follows
     dx = (I - r m^T / (m . r)) (do + s dtheta x r) + r / (m . r) dc.
     """
-    sight = np.asarray(point_ned_m, dtype=np.float64) - np.asarray(origin_ned_m, dtype=np.float64)
-    upright = np.zeros(sight.shape)
-    upright[..., 2] = 1.0
-    if slope_ne is not None:
-        sight, upright = np.broadcast_arrays(sight, _normal(np.asarray(slope_ne, dtype=np.float64)))
-    descent = np.sum(upright * sight, axis=-1, keepdims=True)
-    per_down = sight / np.where(descent > 0.0, descent, np.nan)
+    ray = np.asarray(ray_ned, dtype=np.float64)
+    ray = ray / np.sqrt(np.sum(ray * ray, axis=-1, keepdims=True))
+    offset = np.asarray(point_ned_m, dtype=np.float64) - np.asarray(origin_ned_m, dtype=np.float64)
+    range_m = np.sqrt(np.sum(offset * offset, axis=-1))[..., np.newaxis, np.newaxis]
+    upright = np.array((0.0, 0.0, 1.0)) if slope_ne is None else _normal(np.asarray(slope_ne, dtype=np.float64))
+    descent = np.sum(upright * ray, axis=-1, keepdims=True)
+    per_down = ray / np.where(descent > 0.0, descent, np.nan)
     onto_ground = np.eye(3) - per_down[..., :, np.newaxis] * upright[..., np.newaxis, :]
-    jacobian = np.concatenate((onto_ground, -onto_ground @ skew(sight)), axis=-1)
-    return jacobian, per_down
+    by_turn = -range_m * (onto_ground @ skew(ray))
+    onto_ground = np.broadcast_to(onto_ground, by_turn.shape)
+    return np.concatenate((onto_ground, by_turn), axis=-1), per_down
 
 
 def _normal(slope_ne: Float) -> Float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.geometry.camera import Camera
-from estimator.geometry.rotation import Float
+from estimator.geometry.earth import Float
 
 
 def ground_homography(camera: Camera, ned_from_camera: Float, camera_pos_ned_m: Float, ground_down_m: float) -> Float:

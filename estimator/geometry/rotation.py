@@ -14,9 +14,9 @@ import math
 from typing import Final, overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-Float = NDArray[np.float64]
+from estimator.geometry.earth import Float
 
 # Below this angle the series of sin(x)/x is exact to rounding with two terms.
 _SMALL_RAD: Final = 1e-4
@@ -120,7 +120,7 @@ def q_from_matrix(matrix: Float) -> Float:
     return q_normalise(np.where(row[..., :1] < 0.0, -row, row))
 
 
-def q_from_euler(roll_rad: float | Float, pitch_rad: float | Float, yaw_rad: float | Float) -> Float:
+def q_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, yaw_rad: ArrayLike) -> Float:
     """Quaternion (..., 4) ned_from_body of roll, pitch and yaw; the inputs broadcast."""
     half_roll = 0.5 * np.asarray(roll_rad, dtype=np.float64)
     half_pitch = 0.5 * np.asarray(pitch_rad, dtype=np.float64)
@@ -157,7 +157,7 @@ def euler_from_q(q: Float) -> tuple[Float, Float, Float]:
     return roll, pitch, yaw
 
 
-def matrix_from_euler(roll_rad: float | Float, pitch_rad: float | Float, yaw_rad: float | Float) -> Float:
+def matrix_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, yaw_rad: ArrayLike) -> Float:
     """Rotation matrix (..., 3, 3) ned_from_body of roll, pitch and yaw; the inputs broadcast."""
     return matrix_from_q(q_from_euler(roll_rad, pitch_rad, yaw_rad))
 
