@@ -1,0 +1,1 @@
+"""The MAVLink link to the vehicles: bytes in, events out; no socket, no clock, no thread."""

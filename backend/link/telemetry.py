@@ -1,0 +1,159 @@
+"""MAVLink messages to what the operator is shown; nothing here reaches the estimator."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from backend.link import modes
+from backend.link.events import (
+    LinkEvent,
+    StatusText,
+    TelemetryBattery,
+    TelemetryGps,
+    TelemetryHeartbeat,
+    TelemetryPosition,
+    TelemetrySpeed,
+)
+from backend.link.samples import gnss_accuracy_m
+
+HEARTBEAT = 0
+SYS_STATUS = 1
+GPS_RAW_INT = 24
+GLOBAL_POSITION_INT = 33
+VFR_HUD = 74
+BATTERY_STATUS = 147
+STATUSTEXT = 253
+
+_FLAG_ARMED = 128
+_FLAG_HIL = 32
+_FIX_2D = 2
+_UINT16_UNKNOWN = 0xFFFF
+_UINT8_UNKNOWN = 0xFF
+_STATUS_CHUNK_CHARS = 50
+_STATUS_WAIT_US = 2_000_000
+
+
+def heartbeat(m: Any, t_us: int, system_id: int) -> TelemetryHeartbeat:
+    """An autopilot's heartbeat."""
+    autopilot = modes.autopilot_from_heartbeat(m.autopilot)
+    vehicle_type = modes.vehicle_type_from_heartbeat(m.type)
+    return TelemetryHeartbeat(
+        t_us=t_us,
+        system_id=system_id,
+        autopilot=autopilot,
+        vehicle_type=vehicle_type,
+        armed=bool(m.base_mode & _FLAG_ARMED),
+        mode=modes.mode_name(autopilot, vehicle_type, m.base_mode, m.custom_mode),
+        simulated=bool(m.base_mode & _FLAG_HIL),
+    )
+
+
+def _battery_from_sys_status(m: Any, t_us: int, system_id: int) -> TelemetryBattery | None:
+    return _battery(
+        t_us,
+        system_id,
+        None if m.voltage_battery in (0, _UINT16_UNKNOWN) else m.voltage_battery * 1e-3,
+        m.battery_remaining,
+    )
+
+
+def _battery_from_battery_status(m: Any, t_us: int, system_id: int) -> TelemetryBattery | None:
+    if m.id != 0:
+        return None
+    # Without cell voltages the total is in the first, and what exceeds 65.534 V in the next.
+    cells_mv = [mv for mv in m.voltages if mv != _UINT16_UNKNOWN]
+    return _battery(t_us, system_id, sum(cells_mv) * 1e-3 if any(cells_mv) else None, m.battery_remaining)
+
+
+def _battery(t_us: int, system_id: int, voltage_v: float | None, remaining: int) -> TelemetryBattery | None:
+    if voltage_v is None and remaining < 0:
+        return None
+    return TelemetryBattery(t_us, system_id, voltage_v, float(remaining) if 0 <= remaining <= 100 else None)
+
+
+def _gps(m: Any, t_us: int, system_id: int) -> TelemetryGps:
+    has_fix = m.fix_type >= _FIX_2D and (m.lat != 0 or m.lon != 0)
+    return TelemetryGps(
+        t_us=t_us,
+        system_id=system_id,
+        fix_type=m.fix_type,
+        satellites=None if m.satellites_visible == _UINT8_UNKNOWN else m.satellites_visible,
+        lat_rad=math.radians(m.lat * 1e-7) if has_fix else None,
+        lon_rad=math.radians(m.lon * 1e-7) if has_fix else None,
+        alt_amsl_m=m.alt * 1e-3 if has_fix else None,
+        std_horizontal_m=gnss_accuracy_m(m)[0] if has_fix else None,
+    )
+
+
+def _position(m: Any, t_us: int, system_id: int) -> TelemetryPosition | None:
+    if (m.lat == 0 and m.lon == 0) or abs(m.lat) > 900_000_000 or abs(m.lon) > 1_800_000_000:
+        return None
+    return TelemetryPosition(
+        t_us=t_us,
+        system_id=system_id,
+        lat_rad=math.radians(m.lat * 1e-7),
+        lon_rad=math.radians(m.lon * 1e-7),
+        alt_amsl_m=m.alt * 1e-3,
+        alt_rel_m=m.relative_alt * 1e-3,
+        vn_m_s=m.vx * 1e-2,
+        ve_m_s=m.vy * 1e-2,
+        vd_m_s=m.vz * 1e-2,
+    )
+
+
+def _speed(m: Any, t_us: int, system_id: int) -> TelemetrySpeed | None:
+    if not (math.isfinite(m.airspeed) and math.isfinite(m.groundspeed)):
+        return None
+    return TelemetrySpeed(t_us, system_id, m.airspeed, m.groundspeed, float(m.throttle))
+
+
+TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
+    SYS_STATUS: _battery_from_sys_status,
+    GPS_RAW_INT: _gps,
+    GLOBAL_POSITION_INT: _position,
+    VFR_HUD: _speed,
+    BATTERY_STATUS: _battery_from_battery_status,
+}
+
+
+@dataclass(slots=True)
+class _Unfinished:
+    first_us: int
+    severity: int
+    chunks: dict[int, str]
+    last_seq: int | None = None
+
+
+@dataclass(slots=True)
+class StatusTexts:
+    """Puts one vehicle's STATUSTEXT chunks together; one with a lost chunk comes with a gap after two seconds."""
+
+    system_id: int
+    _unfinished: dict[tuple[int, int], _Unfinished] = field(default_factory=dict)
+
+    def add(self, m: Any, component_id: int, t_us: int) -> list[LinkEvent]:
+        """Take one message; gives the text when it is whole."""
+        if m.id == 0:
+            return [StatusText(t_us, self.system_id, component_id, m.severity, m.text)]
+        key = (component_id, m.id)
+        text = self._unfinished.setdefault(key, _Unfinished(t_us, m.severity, {}))
+        text.chunks[m.chunk_seq] = m.text
+        if len(m.text) < _STATUS_CHUNK_CHARS:
+            text.last_seq = m.chunk_seq
+        if text.last_seq is not None and len(text.chunks) == text.last_seq + 1:
+            return [self._close(key, t_us)]
+        return []
+
+    def expire(self, t_us: int) -> list[LinkEvent]:
+        """Give up waiting for lost chunks."""
+        late = [key for key, text in self._unfinished.items() if t_us - text.first_us > _STATUS_WAIT_US]
+        return [self._close(key, t_us) for key in late]
+
+    def _close(self, key: tuple[int, int], t_us: int) -> LinkEvent:
+        text = self._unfinished.pop(key)
+        last = max(text.chunks) if text.last_seq is None else text.last_seq
+        whole = "".join(text.chunks.get(i, "[…]") for i in range(last + 1))
+        return StatusText(t_us, self.system_id, key[0], text.severity, whole)
