@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 import os
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.geometry.local import LocalFrame
 from estimator.types import Float
 from geodata.errors import EmptyRasterError, UnsupportedRasterError
-from geodata.imagery import NODE_STEP_M, NeBounds
+from geodata.imagery import NODE_STEP_M, NeBounds, footprint_bounds
 from geodata.raster import Bands, Raster, open_raster
 from geodata.resample import resample
 
-if TYPE_CHECKING:
-    from estimator.geometry.local import LocalFrame
+MAX_GRID_PIXELS = 8_000_000
 
-MAX_GRID_PIXELS = 16_000_000
+# A national elevation model is cut to what a small aircraft can see.
+_REACH_M = 10_000.0
 
 # Below the Dead Sea's bed and above Everest: what lies beyond is a nodata value that nobody declared.
 _LOWEST_M, _HIGHEST_M = -800.0, 9000.0
@@ -65,22 +66,23 @@ class FlatGround:
 class ElevationGrid:
     """Ground altitudes on a north-up grid of the local frame.
 
-    ``alt_amsl_grid_m`` (rows, cols) float32, NaN where unknown; the centre of (row r, column c) lies at north =
+    ``alt_amsl_grid_m`` (rows, cols), NaN where unknown; the centre of (row r, column c) lies at north =
     ``north_max_m`` - r ``gsd_m``, east = ``east_min_m`` + c ``gsd_m``. The vertical datum is the raster's own.
     """
 
     def __init__(
-        self, alt_amsl_grid_m: NDArray[np.float32], north_max_m: float, east_min_m: float, gsd_m: float
+        self, alt_amsl_grid_m: NDArray[np.floating[Any]], north_max_m: float, east_min_m: float, gsd_m: float
     ) -> None:
         rows, cols = alt_amsl_grid_m.shape
-        # A border of NaN stands for everything outside, so that a lookup needs no masks.
-        padded = np.full((rows + 2, cols + 2), np.nan, dtype=np.float32)
+        # A border of NaN stands for everything outside, so that a lookup needs no masks; float64, since mixing types
+        # costs small lookups more than the arithmetic does.
+        padded = np.full((rows + 2, cols + 2), np.nan)
         padded[1:-1, 1:-1] = alt_amsl_grid_m
         padded.setflags(write=False)
         self._flat = padded.ravel()
         self._cols = cols + 2
         self._row_limit, self._col_limit = rows + 0.999999, cols + 0.999999
-        self.alt_amsl_grid_m: NDArray[np.float32] = padded[1:-1, 1:-1]
+        self.alt_amsl_grid_m: Float = padded[1:-1, 1:-1]
         self.north_max_m, self.east_min_m, self.gsd_m = north_max_m, east_min_m, gsd_m
         self._north_zero_m, self._east_zero_m = north_max_m + gsd_m, east_min_m - gsd_m
         self._per_m = 1.0 / gsd_m
@@ -98,9 +100,9 @@ class ElevationGrid:
         Parameters
         ----------
         gsd_m
-            Metres per grid cell; the file's own when not given, made coarser until the grid has 16 million cells.
+            Metres per grid cell; the file's own when not given, made coarser until the grid has 8 million cells.
         bounds
-            What to cover; the whole raster when not given.
+            What to cover; the whole raster within 10 km of the frame's origin when not given.
 
         Raises
         ------
@@ -109,7 +111,7 @@ class ElevationGrid:
         """
         with open_raster(path) as raster:
             scale, offset = height_scaling(raster)
-            area = bounds or _bounds_ne(raster, frame)
+            area = bounds or _within_reach(footprint_bounds(raster, frame))
             north_span_m, east_span_m = area.north_max_m - area.north_min_m, area.east_max_m - area.east_min_m
             step_m = max(gsd_m or raster.gsd_m, math.sqrt(north_span_m * east_span_m / MAX_GRID_PIXELS))
             rows, cols = max(2, math.ceil(north_span_m / step_m)), max(2, math.ceil(east_span_m / step_m))
@@ -139,18 +141,17 @@ class ElevationGrid:
 
         NaN off the grid and where one of the four neighbours that count is unknown.
         """
-        row = (self._north_zero_m - np.asarray(north_m, dtype=np.float64)) * self._per_m
-        col = (np.asarray(east_m, dtype=np.float64) - self._east_zero_m) * self._per_m
         # fmax and fmin send NaN, too, to the border of NaN.
-        row = np.fmax(np.fmin(row, self._row_limit), 0.0)
-        col = np.fmax(np.fmin(col, self._col_limit), 0.0)
-        top, left = row.astype(np.int64), col.astype(np.int64)
+        row = np.fmax(np.fmin((self._north_zero_m - np.asarray(north_m)) * self._per_m, self._row_limit), 0.0)
+        col = np.fmax(np.fmin((np.asarray(east_m) - self._east_zero_m) * self._per_m, self._col_limit), 0.0)
+        top, left = row.astype(np.intp), col.astype(np.intp)
         down, right = row - top, col - left
-        index = top * self._cols + left
-        take = self._flat.take
-        upper_left, lower_left = take(index), take(index + self._cols)
-        upper = upper_left + right * (take(index + 1) - upper_left)
-        lower = lower_left + right * (take(index + self._cols + 1) - lower_left)
+        upper_index = top * self._cols + left
+        lower_index = upper_index + self._cols
+        flat = self._flat
+        upper, lower = flat[upper_index], flat[lower_index]
+        upper = upper + right * (flat[upper_index + 1] - upper)
+        lower = lower + right * (flat[lower_index + 1] - lower)
         alt_amsl_m: Float = upper + down * (lower - upper)
         return alt_amsl_m
 
@@ -193,9 +194,9 @@ def _vertical_unit_m(raster: Raster) -> float:
     return float(vertical[0].unit_conversion_factor) if vertical else 1.0
 
 
-def _bounds_ne(raster: Raster, frame: LocalFrame) -> NeBounds:
-    ne_m = frame.ne_from_geodetic(*raster.footprint())
-    ne_m = ne_m[np.all(np.isfinite(ne_m), axis=-1)]
-    north_min, east_min = (float(value) for value in ne_m.min(axis=0))
-    north_max, east_max = (float(value) for value in ne_m.max(axis=0))
-    return NeBounds(north_min, east_min, north_max, east_max)
+def _within_reach(area: NeBounds) -> NeBounds:
+    """The part of a large rectangle near the origin; all of it where the origin is not near."""
+    south_west = (max(area.north_min_m, -_REACH_M), max(area.east_min_m, -_REACH_M))
+    north_east = (min(area.north_max_m, _REACH_M), min(area.east_max_m, _REACH_M))
+    overlaps = south_west[0] < north_east[0] and south_west[1] < north_east[1]
+    return NeBounds(*south_west, *north_east) if overlaps else area

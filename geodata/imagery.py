@@ -5,20 +5,17 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.geometry.local import LocalFrame
 from estimator.types import Float, Image
 from geodata.errors import EmptyRasterError, HugeRasterError
 from geodata.radiometry import Radiometry
 from geodata.raster import Raster, open_raster
 from geodata.resample import resample
-
-if TYPE_CHECKING:
-    from estimator.geometry.local import LocalFrame
 
 Mask = NDArray[np.bool_]
 
@@ -117,11 +114,7 @@ class ReferenceImagery:
 
     def bounds_ne(self, frame: LocalFrame) -> NeBounds:
         """The rectangle of the local frame around the picture."""
-        ne_m = frame.ne_from_geodetic(*self.raster.footprint()) + np.asarray(self.offset_ne_m)
-        ne_m = ne_m[np.all(np.isfinite(ne_m), axis=-1)]
-        north_min, east_min = (float(value) for value in ne_m.min(axis=0))
-        north_max, east_max = (float(value) for value in ne_m.max(axis=0))
-        return NeBounds(north_min, east_min, north_max, east_max)
+        return footprint_bounds(self.raster, frame, self.offset_ne_m)
 
     def grid(self, frame: LocalFrame, gsd_m: float | None = None, bounds: NeBounds | None = None) -> ImageryGrid:
         """The picture on a north-up grid of the local frame.
@@ -183,6 +176,15 @@ class ReferenceImagery:
     def close(self) -> None:
         """Release the file."""
         self.raster.close()
+
+
+def footprint_bounds(raster: Raster, frame: LocalFrame, offset_ne_m: tuple[float, float] = (0.0, 0.0)) -> NeBounds:
+    """The rectangle of the local frame around a raster's footprint, shifted by an offset."""
+    ne_m = frame.ne_from_geodetic(*raster.footprint()) + np.asarray(offset_ne_m)
+    ne_m = ne_m[np.all(np.isfinite(ne_m), axis=-1)]
+    north_min, east_min = (float(value) for value in ne_m.min(axis=0))
+    north_max, east_max = (float(value) for value in ne_m.max(axis=0))
+    return NeBounds(north_min, east_min, north_max, east_max)
 
 
 def _collar(image: Image, valid: Mask) -> Mask:

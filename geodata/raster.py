@@ -22,6 +22,7 @@ import pyproj
 import rasterio
 from affine import Affine
 from numpy.typing import NDArray
+from rasterio._err import CPLE_BaseError
 from rasterio.enums import ColorInterp, MaskFlags, Resampling
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.windows import Window
@@ -31,11 +32,11 @@ from geodata.errors import (
     CorruptRasterError,
     EmptyRasterError,
     HugeRasterError,
-    NoCrsError,
     NotGeoreferencedError,
+    RasterError,
     RasterMissingError,
 )
-from geodata.raster_checks import check_georeference, check_size
+from geodata.raster_checks import check_georeference, check_size, earth_crs
 
 Bands = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -90,7 +91,8 @@ class Raster:
         self._edge_from_world: Affine = ~dataset.transform
         self._world_from_wgs84 = pyproj.Transformer.from_crs("EPSG:4326", crs, always_xy=True)
         self._wgs84_from_world = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-        self._centre_x: float = (dataset.transform * (dataset.width / 2, dataset.height / 2))[0]
+        a, b, c = dataset.transform[:3]
+        self._centre_x = float(a * dataset.width / 2 + b * dataset.height / 2 + c)
         interpretation = list(dataset.colorinterp)
         self._alpha_band = _labelled_alpha_band(interpretation)
         self._has_mask_band = any(
@@ -98,8 +100,8 @@ class Raster:
         )
         self.levels = self._levels()
         self.colour_bands = _colour_bands(interpretation, self._alpha_band)
-        if self._alpha_band is None and dataset.count in (2, 4) and self._last_band_is_binary():
-            self._alpha_band = int(dataset.count)
+        if self.dtype == np.uint8 and dataset.count in (2, 4) and self._alpha_band in (None, dataset.count):
+            self._alpha_band = self._transparency_band(int(dataset.count))
             self.colour_bands = _colour_bands(interpretation, self._alpha_band)
         self.gsd_x_m, self.gsd_y_m = self._pixel_size_m()
 
@@ -125,13 +127,17 @@ class Raster:
         return ":".join(authority) if authority else str(self.crs.name)
 
     @property
+    def transform(self) -> tuple[float, float, float, float, float, float]:
+        """(a, b, c, d, e, f) of x = a col + b row + c, y = d col + e row + f at pixel corners."""
+        a, b, c, d, e, f = self._world_from_edge[:6]
+        return a, b, c, d, e, f
+
+    @property
     def bounds(self) -> LatLonBounds:
         """The WGS-84 rectangle around the footprint."""
         lat_rad, lon_rad = self.footprint()
-        if not np.all(np.isfinite(lat_rad) & np.isfinite(lon_rad)):
-            finite = np.isfinite(lat_rad) & np.isfinite(lon_rad)
-            lat_rad, lon_rad = lat_rad[finite], lon_rad[finite]
-        lon_rad = np.unwrap(lon_rad)
+        finite = np.isfinite(lat_rad) & np.isfinite(lon_rad)
+        lat_rad, lon_rad = lat_rad[finite], np.unwrap(lon_rad[finite])
         degrees = np.degrees([lat_rad.min(), lon_rad.min(), lat_rad.max(), lon_rad.max()])
         return LatLonBounds(*(float(value) for value in degrees))
 
@@ -186,11 +192,12 @@ class Raster:
         """A representative sample (bands, h, w) of the whole raster, for statistics; not to be measured in."""
         if self.width_px * self.height_px <= 25_000_000:
             step = max(1, math.ceil(max(self.width_px, self.height_px) / size_px))
-            parts = [
-                _thinned(self.read(self.levels[0], 0, row, self.width_px, min(step, self.height_px - row)), step)
-                for row in range(0, self.height_px, step)
+            step = min(step, self.width_px, self.height_px)
+            lines = [
+                self.read(self.levels[0], 0, row, self.width_px, 1) for row in range(step // 2, self.height_px, step)
             ]
-            return np.concatenate([b for b, _ in parts], axis=1), np.concatenate([v for _, v in parts], axis=0)
+            bands = np.concatenate([line for line, _ in lines], axis=1)[..., step // 2 :: step]
+            return bands, np.concatenate([known for _, known in lines], axis=0)[..., step // 2 :: step]
         # A large raster is sampled in 8 x 8 small windows so that few blocks are decoded.
         side = min(128, self.width_px, self.height_px)
         rows = np.linspace(0, self.height_px - side, 8).astype(int)
@@ -243,12 +250,17 @@ class Raster:
             valid &= np.all(np.isfinite(bands), axis=0)
         return valid
 
-    def _last_band_is_binary(self) -> bool:
-        # Writers often leave the fourth (or second) band without a label; transparency shows by holding only 0 and 255.
-        if self.dtype != np.uint8:
-            return False
+    def _transparency_band(self, last_band: int) -> int | None:
+        """Whether the last of two or four 8-bit bands is transparency, from its values.
+
+        Labels are no help: many writers leave alpha without one, and GDAL labels a fourth band alpha that is infrared.
+        Transparency is 0 or 255 but for a soft edge.
+        """
+        labelled = self._alpha_band is not None
+        self._alpha_band, self.colour_bands = None, (last_band,)
         bands, _ = self.sample(512)
-        return bool(np.all((bands[-1] == 0) | (bands[-1] == 255)))
+        binary = float(np.mean((bands[0] == 0) | (bands[0] == 255)))
+        return last_band if binary == 1.0 or (labelled and binary > 0.5) else None
 
     def _pixel_size_m(self) -> tuple[float, float]:
         col, row = (self.width_px - 1) / 2, (self.height_px - 1) / 2
@@ -284,13 +296,13 @@ def open_raster(path: str | os.PathLike[str]) -> Raster:
         raise EmptyRasterError(file, "the file is empty (0 bytes)", "copy or export it again")
     with _gdal(file), _georeference_warnings_off():
         dataset = rasterio.io.DatasetReader(str(file), driver=list(DRIVERS))
-    try:
-        check_size(file, dataset)
-        check_georeference(file, dataset)
-        return Raster(file, dataset, _pyproj_crs(file, dataset))
-    except BaseException:
-        dataset.close()
-        raise
+        try:
+            check_size(file, dataset)
+            check_georeference(file, dataset)
+            return Raster(file, dataset, earth_crs(file, dataset))
+        except BaseException:
+            dataset.close()
+            raise
 
 
 def write_geotiff(
@@ -382,21 +394,21 @@ class TiledWriter:
             self._profile["nodata"] = nodata
 
     def __enter__(self) -> TiledWriter:
-        with _gdal(self._path):
+        with _gdal_writing(self._path):
             self._dataset = rasterio.open(self._partial, "w", **self._profile)
         return self
 
     def write(self, bands: Bands, valid: Mask | None, col: int, row: int) -> None:
         """Write (bands, rows, cols) with its mask (rows, cols) at a pixel offset."""
         window = Window(col, row, bands.shape[2], bands.shape[1])
-        with _gdal(self._path):
+        with _gdal_writing(self._path):
             self._dataset.write(bands, window=window)
             if self._with_mask and valid is not None:
                 self._dataset.write_mask(valid.astype(np.uint8) * 255, window=window)
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         try:
-            with _gdal(self._path):
+            with _gdal_writing(self._path):
                 self._dataset.close()
                 if kind is None and self._overviews:
                     self._build_overviews()
@@ -418,7 +430,8 @@ def _gdal(path: Path) -> Iterator[None]:
     try:
         with rasterio.Env(**_GDAL_OPTIONS):
             yield
-    except RasterioError as error:
+    except (RasterioError, CPLE_BaseError, ValueError) as error:
+        # Damaged tags surface as undecodable text and impossible values, too.
         cause = str(error.__cause__ or error).replace(str(path), path.name)
         raise CorruptRasterError(
             path, f"cannot be read as a raster ({cause})", "it may be truncated or damaged; copy or export it again"
@@ -428,24 +441,20 @@ def _gdal(path: Path) -> Iterator[None]:
 
 
 @contextmanager
+def _gdal_writing(path: Path) -> Iterator[None]:
+    try:
+        with rasterio.Env(**_GDAL_OPTIONS):
+            yield
+    except (RasterioError, CPLE_BaseError) as error:
+        cause = str(error.__cause__ or error)
+        raise RasterError(path, f"cannot be written ({cause})", "check free space and the folder's rights") from error
+
+
+@contextmanager
 def _georeference_warnings_off() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         yield
-
-
-def _pyproj_crs(path: Path, dataset: rasterio.io.DatasetReader) -> pyproj.CRS:
-    try:
-        with rasterio.Env(**_GDAL_OPTIONS):
-            crs = pyproj.CRS.from_wkt(dataset.crs.to_wkt())
-        pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
-    except pyproj.exceptions.ProjError as error:
-        raise NoCrsError(
-            path,
-            "its coordinate reference system is not tied to the Earth or is unknown",
-            "assign the right one: gdal_edit.py -a_srs EPSG:CODE FILE",
-        ) from error
-    return crs
 
 
 def _finite(values: Any) -> Float:
@@ -479,19 +488,3 @@ def _colour_bands(interpretation: list[ColorInterp], alpha_band: int | None) -> 
     ]
     rest = [band for band in range(1, len(interpretation) + 1) if band not in named and band != alpha_band]
     return tuple(named + rest)
-
-
-def _thinned(pixels: tuple[Bands, Mask], step: int) -> tuple[Bands, Mask]:
-    bands, valid = pixels
-    return bands[:, :1, step // 2 :: step], valid[:1, step // 2 :: step]
-
-
-__all__ = [
-    "DRIVERS",
-    "LatLonBounds",
-    "Level",
-    "Raster",
-    "TiledWriter",
-    "open_raster",
-    "write_geotiff",
-]

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyproj
 
 from geodata.errors import (
     EmptyRasterError,
@@ -57,3 +58,17 @@ def check_georeference(path: Path, dataset: Any) -> None:
         raise NoCrsError(
             path, "names no coordinate reference system", "assign the right one: gdal_edit.py -a_srs EPSG:CODE FILE"
         )
+
+
+def earth_crs(path: Path, dataset: Any) -> pyproj.CRS:
+    """The coordinate reference system, which must lead to latitude and longitude."""
+    try:
+        crs = pyproj.CRS.from_wkt(dataset.crs.to_wkt())
+        pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
+    except pyproj.exceptions.ProjError as error:
+        raise NoCrsError(
+            path,
+            "its coordinate reference system is not tied to the Earth or is unknown",
+            "assign the right one: gdal_edit.py -a_srs EPSG:CODE FILE",
+        ) from error
+    return crs
