@@ -112,6 +112,8 @@ export interface HelloMessage extends Envelope {
 export interface StateMessage extends Envelope {
   type: 'state';
   vehicle_id: string;
+  /** What the estimate is for, on the time base of the vehicle's video; in a replay the time of the flight. */
+  t_state_unix_us?: number;
   epoch: number;
   mode: Mode;
   process_model: Maybe<string>;
@@ -139,6 +141,7 @@ export interface StateMessage extends Envelope {
 export interface GpsMessage extends Envelope {
   type: 'gps';
   vehicle_id: string;
+  t_gps_unix_us?: number;
   lat_deg: Maybe<number>;
   lon_deg: Maybe<number>;
   alt_amsl_m: Maybe<number>;
@@ -241,6 +244,8 @@ export interface ReplayMessage extends Envelope {
   speed: number;
   paused: boolean;
   ended?: boolean;
+  /** 0 to 1. */
+  progress?: Maybe<number>;
 }
 
 export interface WaitingMessage extends Envelope {
@@ -315,6 +320,6 @@ export interface TrackCollection {
   features: {
     type: 'Feature';
     geometry: { type: 'LineString'; coordinates: number[][] };
-    properties: { times_unix_us?: number[]; source?: string };
+    properties: { times_unix_us?: number[]; source?: string; epoch?: number };
   }[];
 }

@@ -5,6 +5,7 @@ import {
   formatClock,
   formatCoordinate,
   formatHeading,
+  formatMgrs,
   formatNumber,
   formatUtcDate,
   formatUtcTime,
@@ -52,6 +53,11 @@ describe('coordinates', () => {
     const read = parseCoordinate(formatCoordinate(at, format))!;
     expect(read.lat_deg).toBeCloseTo(at.lat_deg, 4);
     expect(read.lon_deg).toBeCloseTo(at.lon_deg, 4);
+  });
+
+  it('spaces a grid reference', () => {
+    expect(formatMgrs('33VWE3630874614')).toBe('33V WE 36308 74614');
+    expect([formatMgrs('33VWE'), formatMgrs(null), formatMgrs('odd')]).toEqual(['33V WE', '–', 'odd']);
   });
 
   it('reads usual spellings and refuses the rest', () => {

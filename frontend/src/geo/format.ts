@@ -107,6 +107,15 @@ export function formatCoordinate(at: LatLon | null, format: CoordinateFormat): s
   }
 }
 
+/** The station's grid reference with the gaps that make it readable. */
+export function formatMgrs(mgrs: string | null | undefined): string {
+  const match = /^(\d{0,2}[A-Z])([A-Z]{2})((?:\d\d)*)$/.exec(mgrs?.replaceAll(' ', '') ?? '');
+  if (!match) return mgrs || DASH;
+  const [, zone, square, digits] = match as unknown as [string, string, string, string];
+  const half = digits.length / 2;
+  return [zone, square, digits.slice(0, half), digits.slice(half)].filter(Boolean).join(' ');
+}
+
 /** Reads "58.41, 15.62", "58.41N 15.62E", degrees-minutes-seconds, or MGRS. Null when it is none of them. */
 export function parseCoordinate(text: string): LatLon | null {
   const trimmed = text.trim().replaceAll('−', '-');

@@ -124,7 +124,7 @@ export class Session {
         // After an interruption the station knows more of the track than this page.
         this.primed.clear();
       }
-      if (message.type === 'ack' && message.status !== 'accepted') {
+      if (message.type === 'ack' && !['accepted', 'in_progress'].includes(message.status)) {
         this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
       }
     }

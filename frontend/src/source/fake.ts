@@ -13,6 +13,7 @@ const RATE_RAD_S = 0.06;
 class FakeStation implements Source {
   private listener: MessageListener | null = null;
   private seq = 0;
+  private ticks = 0;
   private targets: Target[] = [];
   private denied = false;
   private cut = false;
@@ -41,6 +42,7 @@ class FakeStation implements Source {
   }
 
   private tick(): void {
+    this.ticks += 1;
     const t_s = (Date.now() - this.start_ms) / 1000;
     const phase = t_s * RATE_RAD_S;
     const at = offsetBy(HOME, ROUTE_RADIUS_M * Math.sin(phase), ROUTE_RADIUS_M * Math.cos(phase));
@@ -75,10 +77,10 @@ class FakeStation implements Source {
       gps_denied: this.denied,
       footprint: [corner(50, -66), corner(50, 66), corner(-50, 66), corner(-50, -66)],
     });
-    if (this.seq % 2 === 0) {
+    if (this.ticks % 2 === 0) {
       this.say({ type: 'gps', vehicle_id: '1', ...at, alt_amsl_m: 210, fix_type: this.cut ? 0 : 3, satellites: 14, std_horizontal_m: 1, used: !this.denied });
     }
-    if (this.seq % 10 === 0) {
+    if (this.ticks % 10 === 0) {
       this.say({ type: 'telemetry', vehicle_id: '1', vehicle_type: 'helicopter', simulated: true, armed: true, flight_mode: 'AUTO', battery_pct: 81, battery_v: 22.4, airspeed_m_s: 11 });
       this.say({ type: 'link', vehicle_id: '1', connected: true, heartbeat_age_s: 0.4, messages_per_s: 141, bytes_per_s: 7400, loss_pct: 0, noise_bytes: 0, signed: false, endpoint: 'fake' });
       this.say({ type: 'video', source: 'cam-1', vehicle_id: '1', status: 'flowing', fps: 25, width: 640, height: 480, codec: 'jpeg', last_frame_age_s: 0.02, latency_ms: 4, decode_errors: 0, epoch: 1 });

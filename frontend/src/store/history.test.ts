@@ -20,3 +20,9 @@ it('forgets the old and everything of another epoch', () => {
   history.append(state(100, 1));
   expect(history.length).toBe(1);
 });
+
+it('goes by the time of the estimate, not of the message', () => {
+  const history = new StateHistory();
+  history.append({ t_unix_us: 9e15, t_state_unix_us: 5e6, epoch: 0 } as StateMessage);
+  expect(history.at(5.1e6)).not.toBeNull();
+});

@@ -2,6 +2,11 @@
 
 import type { StateMessage } from '../api/types';
 
+/** When the estimate is for; an older station says only when it was sent. */
+export function stateTime_us(state: StateMessage): number {
+  return state.t_state_unix_us ?? state.t_unix_us;
+}
+
 export class StateHistory {
   private states: StateMessage[] = [];
 
@@ -13,11 +18,11 @@ export class StateHistory {
 
   append(state: StateMessage): void {
     const last = this.states[this.states.length - 1];
-    if (last && (last.epoch !== state.epoch || last.t_unix_us > state.t_unix_us)) this.states = [];
+    if (last && (last.epoch !== state.epoch || stateTime_us(last) > stateTime_us(state))) this.states = [];
     this.states.push(state);
-    const oldest_us = state.t_unix_us - this.keep_us;
+    const oldest_us = stateTime_us(state) - this.keep_us;
     let stale = 0;
-    while (this.states[stale]!.t_unix_us < oldest_us) stale++;
+    while (stateTime_us(this.states[stale]!) < oldest_us) stale++;
     if (stale > 0) this.states.splice(0, stale);
   }
 
@@ -27,12 +32,12 @@ export class StateHistory {
     let high = this.states.length;
     while (low < high) {
       const middle = (low + high) >> 1;
-      if (this.states[middle]!.t_unix_us < t_unix_us) low = middle + 1;
+      if (stateTime_us(this.states[middle]!) < t_unix_us) low = middle + 1;
       else high = middle;
     }
     const after = this.states[low];
     const before = this.states[low - 1];
-    const distance = (state: StateMessage | undefined) => (state ? Math.abs(state.t_unix_us - t_unix_us) : Infinity);
+    const distance = (state: StateMessage | undefined) => (state ? Math.abs(stateTime_us(state) - t_unix_us) : Infinity);
     const nearest = distance(before) <= distance(after) ? before : after;
     return nearest && distance(nearest) <= within_us ? nearest : null;
   }

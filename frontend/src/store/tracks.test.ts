@@ -85,4 +85,16 @@ describe('TrackBook', () => {
     });
     expect(book.of('1').vision.length).toBe(3);
   });
+
+  it('takes only the present epoch of what the station remembers', () => {
+    const book = new TrackBook();
+    const piece = (epoch: number, lon_deg: number) => ({
+      type: 'Feature' as const,
+      geometry: { type: 'LineString' as const, coordinates: [[lon_deg, 58.4], [lon_deg, 58.401]] },
+      properties: { times_unix_us: [1e6, 2e6], epoch },
+    });
+    book.prime('1', 'gps', { type: 'FeatureCollection', features: [piece(1, 15.5), piece(2, 15.6)] });
+    expect(book.of('1').gps.length).toBe(2);
+    expect(book.of('1').gps.last?.lon_deg).toBe(15.6);
+  });
 });

@@ -3,6 +3,7 @@
 import type { StationMessage, TrackCollection } from '../api/types';
 import { distanceM, type LatLon } from '../geo/earth';
 import { latLon } from '../geo/geojson';
+import { stateTime_us } from './history';
 
 const SHORTEST_STEP_M = 0.4;
 const GAP_US = 3_000_000;
@@ -121,7 +122,8 @@ export class TrackBook {
       }
       entry.epoch = message.epoch;
     }
-    const { lat_deg, lon_deg, t_unix_us } = message;
+    const { lat_deg, lon_deg } = message;
+    const t_unix_us = message.type === 'state' ? stateTime_us(message) : (message.t_gps_unix_us ?? message.t_unix_us);
     if (lat_deg === null || lon_deg === null || (message.type === 'gps' && message.fix_type < 2)) return cleared;
     (message.type === 'gps' ? entry.gps : entry.vision).append({ lat_deg, lon_deg, t_unix_us });
     return cleared;
@@ -129,7 +131,9 @@ export class TrackBook {
 
   prime(vehicle_id: string, source: 'gps' | 'vision', tracks: TrackCollection): void {
     const older: TrackPoint[] = [];
+    const epoch = this.entry(vehicle_id).epoch ?? tracks.features[tracks.features.length - 1]?.properties.epoch;
     for (const feature of tracks.features) {
+      if (feature.properties.epoch !== undefined && feature.properties.epoch !== epoch) continue;
       const times = feature.properties.times_unix_us ?? [];
       feature.geometry.coordinates.forEach((coordinates, i) => {
         older.push({ ...latLon(coordinates), t_unix_us: times[i] ?? 0 });
