@@ -68,6 +68,10 @@ export class Session {
   goto = $state.raw<{ lat_deg: number; lon_deg: number } | null>(null);
 
   readonly tracks = new TrackBook();
+  /** Ticks, so that ages grow while nothing arrives. */
+  now_ms = $state(performance.now());
+  private readonly heard_ms = new Map<string, number>();
+  private clock: ReturnType<typeof setInterval> | null = null;
   private readonly histories = new Map<string, StateHistory>();
   private readonly primed = new Set<string>();
   private noticeCount = 0;
@@ -93,6 +97,7 @@ export class Session {
   }
 
   open(): void {
+    this.clock = setInterval(() => (this.now_ms = performance.now()), 500);
     this.feed = this.source.openMessages({
       status: (status) => {
         this.connection = status;
@@ -106,6 +111,7 @@ export class Session {
 
   close(): void {
     this.feed?.close();
+    if (this.clock !== null) clearInterval(this.clock);
   }
 
   private take(batch: StationMessage[]): void {
@@ -116,6 +122,7 @@ export class Session {
       this.tracks.apply(message);
       if (message.type === 'state') {
         this.historyOf(message.vehicle_id).append(message);
+        this.heard_ms.set(message.vehicle_id, performance.now());
         moved = true;
       }
       if (message.type === 'gps') moved = true;
@@ -175,6 +182,12 @@ export class Session {
         // Without the station's memory the trail simply starts now.
         .catch(() => undefined);
     }
+  }
+
+  /** Seconds since the vehicle's last estimate arrived here. */
+  heard_s(vehicle_id: string): number | null {
+    const at = this.heard_ms.get(vehicle_id);
+    return at === undefined ? null : Math.max(0, this.now_ms - at) / 1000;
   }
 
   historyOf(vehicle_id: string): StateHistory {

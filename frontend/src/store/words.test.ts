@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { LinkMessage, StateMessage, VideoMessage } from '../api/types';
 import { newVehicle } from './mission';
-import { connectionWords, fixAgeTone, linkWords, methodWords, modeWords, vehicleWords, videoWords } from './words';
+import { connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, vehicleWords, videoWords } from './words';
 
 const vehicle = (fields: object) => ({ ...newVehicle('1'), ...fields });
 const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: false, last_fix_age_s: 0.4, ...fields } as StateMessage });
@@ -15,6 +15,20 @@ describe('modeWords', () => {
     expect(modeWords(state({ mode: 'dead_reckoning', last_fix_age_s: 75 }))).toMatchObject({ text: 'DEAD RECKONING', tone: 'watch' });
     expect(modeWords(state({ mode: 'dead_reckoning', last_fix_age_s: 75 })).detail).toContain('1 min 15 s');
     expect(modeWords(state({ mode: 'lost', gps_denied: true })).tone).toBe('bad');
+  });
+});
+
+describe('freshModeWords', () => {
+  it('does not let old data look alive', () => {
+    expect(freshModeWords(state({}), 0.3, true)).toMatchObject({ text: 'GPS', stale: false });
+    expect(freshModeWords(state({}), 7, true)).toMatchObject({ text: 'STALE 7.0 s', stale: true, tone: 'bad' });
+    expect(freshModeWords(state({}), 0.3, false).stale).toBe(true);
+  });
+
+  it('lets a paused replay stand still', () => {
+    const paused = { ...state({}), replay: { paused: true } as never };
+    expect(freshModeWords(paused, 60, true).stale).toBe(false);
+    expect(freshModeWords(null, null, false)).toMatchObject({ text: 'NO ESTIMATE', stale: false });
   });
 });
 

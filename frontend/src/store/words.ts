@@ -48,6 +48,22 @@ export function modeWords(vehicle: Vehicle | null): Words {
   }
 }
 
+/** How old the newest estimate may be before it must not look alive. */
+export const STALE_AFTER_S = 2;
+
+/** The mode, or that what is shown is old: a frozen page must not look like a hovering aircraft. */
+export function freshModeWords(vehicle: Vehicle | null, heard_s: number | null, connected: boolean): Words & { stale: boolean } {
+  const words = modeWords(vehicle);
+  if (!vehicle?.state || vehicle.replay?.paused) return { ...words, stale: false };
+  if (connected && (heard_s === null || heard_s < STALE_AFTER_S)) return { ...words, stale: false };
+  return {
+    text: `STALE ${formatAge(heard_s)}`,
+    detail: `Nothing new for ${formatAge(heard_s)}. Before: ${words.text}.`,
+    tone: 'bad',
+    stale: true,
+  };
+}
+
 export function linkWords(vehicle: Vehicle | null): Words {
   if (vehicle && isReplay(vehicle.id)) return { text: 'Replay', detail: 'Recorded telemetry', tone: 'good' };
   const link = vehicle?.link;
