@@ -20,6 +20,7 @@ START_V2 = 0xFD
 _HEADER_BYTES = {START_V1: 6, START_V2: 10}
 _CRC_BYTES = 2
 _SIGNATURE_BYTES = 13
+_LONGEST_PACKET_BYTES = 280
 _FLAG_SIGNED = 0x01
 _KNOWN_INCOMPATIBILITY_FLAGS = _FLAG_SIGNED
 # A run of noise is reported in blocks, so that an endless one neither waits for ever nor grows the memory.
@@ -73,6 +74,7 @@ class _Candidate:
     header: int
     msg_id: int
     layout: MessageLayout | None
+    signed: bool
 
 
 class MavlinkFramer:
@@ -84,85 +86,115 @@ class MavlinkFramer:
         self._noise = bytearray()
         # Everything that can be decided with the bytes before this index of the buffer has been decided.
         self._decided = 0
+        self._ended = False
 
     def feed(self, data: bytes) -> list[FramerEvent]:
         """Take bytes, give the packets and the noise that they complete, in order."""
         self._buffer += data
         events: list[FramerEvent] = []
-        while self._step(events):
+        while self._buffer and self._step(events):
             pass
         return events
 
     def finish(self) -> list[FramerEvent]:
-        """The end of the stream: what is left is noise or holds packets behind a header that never completed."""
+        """The end of the stream: what waited for more is decided with what there is."""
         events: list[FramerEvent] = []
-        while self._buffer:
-            self._skip(1, events)
-            while self._step(events):
-                pass
+        self._ended = True
+        self._decided = 0
+        while self._buffer and self._step(events):
+            pass
+        self._ended = False
         self._flush_noise(events)
         return events
 
     def _step(self, events: list[FramerEvent]) -> bool:
-        """Decide one candidate at the front; False when more bytes are needed."""
+        """Decide what is at the front; False when more bytes are needed."""
         buffer = self._buffer
         start = _next_start(buffer, 0)
         if start > 0:
             self._skip(start, events)
         if not buffer:
             return False
-        front = self._candidate(0)
+        available = len(buffer)
+        front = self._candidate(0, available)
         if front is False:
             self._skip(1, events)
             return True
-        limit = len(buffer)
-        if front is not None and front.end <= limit:
-            limit = front.end
-            if _next_start(buffer, 1, limit) == limit and self._is_packet(front):
+        limit = available
+        if front is not None and front.end <= available:
+            if _next_start(buffer, 1, front.end) == front.end and self._is_packet(front):
                 self._take(front, events)
                 return True
-        for moment in self._moments(front, limit):
+            limit = min(available, front.end + _LONGEST_PACKET_BYTES) if front.signed else front.end
+        for moment in self._moments(limit):
             found = self._first_packet(moment)
             if found is not None:
                 self._take(found, events)
                 return True
             self._decided = moment
-        if front is not None and front.end <= len(buffer):
+        if (front is None and self._ended) or (front is not None and self._verdict(front, limit) is False):
             self._skip(1, events)
             return True
         return False
 
-    def _moments(self, front: _Candidate | None, limit: int) -> list[int]:
-        """Buffer lengths at which some candidate completes, ascending, not yet decided."""
+    def _moments(self, limit: int) -> list[int]:
+        """Buffer lengths, ascending, at which something is decided that was not before."""
         buffer = self._buffer
-        moments = {front.end} if front is not None and self._decided < front.end <= limit else set()
-        start = _next_start(buffer, 1, limit)
+        moments = {limit} if self._ended else set()
+        signed = False
+        start = _next_start(buffer, 0, limit)
         while start < limit:
-            candidate = self._candidate(start)
-            if candidate and self._decided < candidate.end <= limit:
+            candidate = self._candidate(start, len(buffer))
+            if candidate:
                 moments.add(candidate.end)
+                signed |= candidate.signed
+            if signed:
+                moments |= {start + 3, start + _HEADER_BYTES[buffer[start]]}
             start = _next_start(buffer, start + 1, limit)
-        return sorted(moments) if len(moments) > 1 else list(moments)
+        return sorted(moment for moment in moments if self._decided < moment <= limit)
 
     def _first_packet(self, moment: int) -> _Candidate | None:
-        """The first valid packet among the bytes before ``moment``, unless an undecided carrier may contain it."""
+        """The first packet among the bytes before ``moment``, unless one that is not yet decided may contain it."""
         buffer = self._buffer
         start = _next_start(buffer, 0, moment)
         while start < moment:
-            candidate = self._candidate(start)
+            candidate = self._candidate(start, moment)
             # Packets of unknown type never take bytes from others: they are looked for in what is left over.
             if candidate and candidate.layout is not None:
-                if candidate.end > moment:
-                    if candidate.layout.carries_packets:
-                        return None
-                elif self._is_packet(candidate):
+                verdict = self._verdict(candidate, moment)
+                if verdict:
                     return candidate
+                if verdict is None and (candidate.layout.carries_packets or candidate.end <= moment):
+                    return None
             start = _next_start(buffer, start + 1, moment)
         return None
 
-    def _candidate(self, start: int) -> _Candidate | Literal[False] | None:
-        """What the header at ``start`` claims; False when it cannot be one, None when it is not complete."""
-        return _candidate_at(self._buffer, start, self._layouts)
+    def _verdict(self, candidate: _Candidate, moment: int) -> bool | None:
+        """Whether the candidate is a packet, by the bytes before ``moment``; None when they do not tell yet."""
+        if candidate.end > moment:
+            return False if self._ended else None
+        if not self._is_packet(candidate):
+            return False
+        return not candidate.signed or self._signature_is_whole(candidate, moment)
+
+    def _signature_is_whole(self, candidate: _Candidate, moment: int) -> bool | None:
+        """The checksum does not cover the signature: a packet cut off there must not swallow the next one's head."""
+        buffer = self._buffer
+        start = _next_start(buffer, candidate.end - _SIGNATURE_BYTES, candidate.end)
+        while start < candidate.end:
+            inner = self._candidate(start, moment)
+            if inner is None and not self._ended:
+                return None
+            if inner and inner.layout is not None:
+                verdict = self._verdict(inner, moment)
+                if verdict is not False:
+                    return None if verdict is None else False
+            start = _next_start(buffer, start + 1, candidate.end)
+        return True
+
+    def _candidate(self, start: int, limit: int) -> _Candidate | Literal[False] | None:
+        """What the header at ``start`` claims; False when it cannot be one, None when it is not whole at ``limit``."""
+        return _candidate_at(self._buffer, start, limit, self._layouts)
 
     def _is_packet(self, candidate: _Candidate) -> bool:
         layout = candidate.layout
@@ -208,18 +240,18 @@ def _next_start(buffer: bytes | bytearray, start: int, limit: int | None = None)
 
 
 def _candidate_at(
-    buffer: bytes | bytearray, start: int, layouts: dict[int, MessageLayout]
+    buffer: bytes | bytearray, start: int, limit: int, layouts: dict[int, MessageLayout]
 ) -> _Candidate | Literal[False] | None:
-    available = len(buffer) - start
+    available = limit - start
     if buffer[start] == START_V2:
         if available >= 3 and buffer[start + 2] & ~_KNOWN_INCOMPATIBILITY_FLAGS:
             return False
         if available < 10:
             return None
         msg_id = buffer[start + 7] | buffer[start + 8] << 8 | buffer[start + 9] << 16
-        signature = _SIGNATURE_BYTES if buffer[start + 2] & _FLAG_SIGNED else 0
-        end = start + 10 + buffer[start + 1] + _CRC_BYTES + signature
-        return _Candidate(start, end, 10, msg_id, layouts.get(msg_id))
+        signed = bool(buffer[start + 2] & _FLAG_SIGNED)
+        end = start + 10 + buffer[start + 1] + _CRC_BYTES + (_SIGNATURE_BYTES if signed else 0)
+        return _Candidate(start, end, 10, msg_id, layouts.get(msg_id), signed)
     if available < 6:
         return None
     msg_id = buffer[start + 5]
@@ -227,7 +259,7 @@ def _candidate_at(
     # Version 1 does not truncate and knows no extensions: a longer payload cannot be.
     if layout is not None and buffer[start + 1] > layout.size:
         return False
-    return _Candidate(start, start + 6 + buffer[start + 1] + _CRC_BYTES, 6, msg_id, layout)
+    return _Candidate(start, start + 6 + buffer[start + 1] + _CRC_BYTES, 6, msg_id, layout, signed=False)
 
 
 def _raw_packet(data: bytes, msg_id: int, *, known: bool) -> RawPacket:
@@ -245,7 +277,7 @@ def _unknown_packets(noise: bytes, layouts: dict[int, MessageLayout]) -> list[Fr
     noise_from = 0
     start = _next_start(noise, 0)
     while start < len(noise):
-        candidate = _candidate_at(noise, start, layouts)
+        candidate = _candidate_at(noise, start, len(noise), layouts)
         if (
             not isinstance(candidate, _Candidate)
             or candidate.layout is not None
