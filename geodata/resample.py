@@ -23,6 +23,7 @@ GeodeticAt = Callable[[Float, Float], tuple[Float, Float]]
 
 _BLOCK_PX = 512
 _SOURCE_PIXELS_PER_BLOCK = 4_000_000
+_CHUNK_PX = 2048
 _FAR_PX = -1.0e9
 
 
@@ -49,6 +50,7 @@ def resample(
     *,
     node_step_px: float,
     exact: bool = False,
+    region: tuple[int, int, int, int] | None = None,
 ) -> tuple[Planes, Mask]:
     """Resample a raster onto a grid of ``rows`` x ``cols`` pixels.
 
@@ -62,6 +64,8 @@ def resample(
         Greatest spacing of the nodes at which ``geodetic_at`` is evaluated, target pixels.
     exact
         Interpolate with full instead of 1/32 pixel resolution (for heights).
+    region
+        The part (top, left, bottom, right) of the grid that the raster can reach, when that is known.
 
     Returns
     -------
@@ -71,8 +75,9 @@ def resample(
     planes: Planes | None = None
     valid = np.zeros((rows, cols), dtype=np.bool_)
     block = _block_size(raster, geodetic_at, rows, cols)
-    for top in range(0, rows, block):
-        for left in range(0, cols, block):
+    first_row, first_col, last_row, last_col = region or (0, 0, rows, cols)
+    for top in range(max(0, first_row), min(rows, last_row), block):
+        for left in range(max(0, first_col), min(cols, last_col), block):
             height, width = min(block, rows - top), min(block, cols - left)
             piece = _block(raster, render, geodetic_at, (top, left, height, width), node_step_px, exact)
             if piece is None:
@@ -127,13 +132,12 @@ def _block(
     level_col = (nodes.col + 0.5) / level.factor_x - 0.5
     level_row = (nodes.row + 0.5) / level.factor_y - 0.5
 
-    thin_x, thin_y = (2 ** max(0, math.floor(math.log2(scale) + 1e-6)) for scale in (scale_x, scale_y))
+    thin_x, thin_y = _thinning(scale_x, level.width_px), _thinning(scale_y, level.height_px)
     window = _window(level_col, level_row, level, thin_x, thin_y)
     if window is None:
         return None
-    left, top, right, bottom = window
-    bands, known = raster.read(level, left, top, right - left, bottom - top)
-    values, weight = _area_mean(render(bands), known, thin_x, thin_y)
+    left, top = window[:2]
+    values, weight = _read_thinned(raster, level, window, render, (thin_x, thin_y))
 
     at_col = nodes.spread((level_col - left + 0.5) / thin_x - 0.5)
     at_row = nodes.spread((level_row - top + 0.5) / thin_y - 0.5)
@@ -195,6 +199,35 @@ def _window(col: Float, row: Float, level: Level, thin_x: int, thin_y: int) -> t
     right = min(level.width_px, math.ceil(col[seen].max()) + margin_x)
     bottom = min(level.height_px, math.ceil(row[seen].max()) + margin_y)
     return (left, top, right, bottom) if left < right and top < bottom else None
+
+
+def _thinning(scale: float, size_px: int) -> int:
+    """The power of two by which a level is averaged before it is interpolated."""
+    largest = min(_CHUNK_PX, 2 ** math.ceil(math.log2(size_px)))
+    return int(min(largest, 2 ** max(0, math.floor(math.log2(min(scale, 1e9)) + 1e-6))))
+
+
+def _read_thinned(
+    raster: Raster,
+    level: Level,
+    window: tuple[int, int, int, int],
+    render: Callable[[Bands], Planes],
+    thinning: tuple[int, int],
+) -> tuple[Planes, Planes]:
+    """Read a window piece by piece, so that only its averages are held in memory together."""
+    left, top, right, bottom = window
+    thin_x, thin_y = thinning
+    step_x, step_y = (thin * max(1, _CHUNK_PX // thin) for thin in thinning)
+    lines: list[Planes] = []
+    for row in range(top, bottom, step_y):
+        pieces: list[Planes] = []
+        for col in range(left, right, step_x):
+            bands, known = raster.read(level, col, row, min(step_x, right - col), min(step_y, bottom - row))
+            values, weight = _area_mean(render(bands), known, thin_x, thin_y)
+            pieces.append(np.concatenate([values, weight[np.newaxis]]))
+        lines.append(np.concatenate(pieces, axis=2))
+    planes = np.concatenate(lines, axis=1)
+    return planes[:-1], planes[-1]
 
 
 def _area_mean(values: Planes, valid: Mask, thin_x: int, thin_y: int) -> tuple[Planes, Planes]:

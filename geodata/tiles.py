@@ -74,6 +74,20 @@ class MapTiles:
             west + turn <= self._east_rad and east + turn >= self._west_rad for turn in (-2 * math.pi, 0.0, 2 * math.pi)
         )
 
+    def _region(self, z: int, x: int, y: int) -> tuple[int, int, int, int] | None:
+        """Tile pixels (top, left, bottom, right) around the raster; None when it crosses the antimeridian."""
+        if self._east_rad > math.pi:
+            return None
+        scale = 2**z * TILE_PX
+        left, right = (
+            scale * (lon_rad / math.pi + 1) / 2 - x * TILE_PX for lon_rad in (self._west_rad, self._east_rad)
+        )
+        top, bottom = (
+            scale * (1 - math.asinh(math.tan(max(-1.5, min(1.5, lat_rad)))) / math.pi) / 2 - y * TILE_PX
+            for lat_rad in (self._north_rad, self._south_rad)
+        )
+        return math.floor(top) - 2, math.floor(left) - 2, math.ceil(bottom) + 3, math.ceil(right) + 3
+
     def _render(self, z: int, x: int, y: int) -> bytes:
         def geodetic_at(row: Float, col: Float) -> tuple[Float, Float]:
             across = (x + (col + 0.5) / TILE_PX) / 2**z
@@ -81,7 +95,13 @@ class MapTiles:
             return _latitude(down), 2 * math.pi * across - math.pi
 
         planes, valid = resample(
-            self._raster, self._radiometry.colour, geodetic_at, TILE_PX, TILE_PX, node_step_px=_NODE_STEP_PX
+            self._raster,
+            self._radiometry.colour,
+            geodetic_at,
+            TILE_PX,
+            TILE_PX,
+            node_step_px=_NODE_STEP_PX,
+            region=self._region(z, x, y),
         )
         if not valid.any():
             return self.empty

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import resource
 from pathlib import Path
 
 import numpy as np
@@ -137,3 +138,25 @@ def test_far_away_grid_is_invalid_not_an_error(tmp_path: Path) -> None:
         _, valid = resample(raster, as_float, geodetic_at, 40, 40, node_step_px=10)
 
     assert not valid.any()
+
+
+def test_coarse_grid_over_a_large_raster_keeps_memory_small(tmp_path: Path) -> None:
+    """
+    A source of 8000 x 8000 pixels read onto 5 x 5 pixels, each of them the mean of millions.
+    Expected: right means, and never more than a piece of the source in memory.
+    """
+    path = tmp_path / "a.tif"
+    rasters.write(path, np.full((1, 8_000, 8_000), 50, np.uint8), gsd=0.15, tiled=True, compress="deflate")
+    frame = rasters.frame()
+
+    def geodetic_at(row: Float, col: Float) -> tuple[Float, Float]:
+        return frame.geodetic_from_ne(np.stack([400.0 - row * 200.0, col * 200.0 - 400.0], axis=-1))
+
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with open_raster(path) as raster:
+        planes, valid = resample(raster, as_float, geodetic_at, 5, 5, node_step_px=1.0)
+
+    assert valid.all()
+    assert_allclose(planes, 50.0, atol=1e-3)
+    # The whole as floats with weights would take 0.5 GB.
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 300_000
