@@ -69,7 +69,8 @@ class VideoStatus(StrEnum):
 class VideoHealth:
     """How a video does; ``text`` says it in words, with what is waited for.
 
-    ``fps`` is of the last two seconds. ``latency_ms`` is the median from exposure to hand-over of recent frames.
+    ``fps`` is of the last two seconds. ``latency_ms`` is the median from first byte on the wire to decoded
+    picture of recent frames.
     ``decode_errors`` counts pictures lost on the way or undecodable.
     """
 
