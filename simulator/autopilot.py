@@ -26,6 +26,14 @@ _DENIED = mavlink.MAV_RESULT_DENIED
 _UNSUPPORTED = mavlink.MAV_RESULT_UNSUPPORTED
 
 
+_MODE_COMMANDS = {
+    mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: FlightMode.RTL,
+    mavlink.MAV_CMD_NAV_LAND: FlightMode.LAND,
+    mavlink.MAV_CMD_NAV_LOITER_UNLIM: FlightMode.LOITER,
+    mavlink.MAV_CMD_MISSION_START: FlightMode.AUTO,
+}
+
+
 class BelievedPosition:
     """The error of the autopilot's filter: it follows the receiver's, and runs away without it."""
 
@@ -98,34 +106,31 @@ class Autopilot:
 
     def _execute(self, message: Any, state: VehicleState, now: Snapshot) -> int:
         command = message.command
-        if command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            known = self._telemetry.set_interval(_index(message.param1), message.param2)
-            return int(_ACCEPTED if known else _DENIED)
+        if command in _MODE_COMMANDS:
+            return self._fly(_MODE_COMMANDS[command], state)
         if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            packet = self._telemetry.one(_index(message.param1), now)
-            if packet is None:
-                return int(_DENIED)
-            self._outbox.append(packet)
-            return int(_ACCEPTED)
-        if command == mavlink.MAV_CMD_INJECT_FAILURE:
-            return self._inject_failure(message, state)
-        if command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return self._arm(message, state)
-        if command == mavlink.MAV_CMD_DO_SET_MODE:
-            return self._set_mode(message.param2, state)
-        if command == mavlink.MAV_CMD_DO_REPOSITION:
-            return self._reposition(message, state)
-        if command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            return self._take_off(message, state)
-        modes = {
-            mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: FlightMode.RTL,
-            mavlink.MAV_CMD_NAV_LAND: FlightMode.LAND,
-            mavlink.MAV_CMD_NAV_LOITER_UNLIM: FlightMode.LOITER,
-            mavlink.MAV_CMD_MISSION_START: FlightMode.AUTO,
+            return self._request(message, now)
+        actions = {
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
+            mavlink.MAV_CMD_INJECT_FAILURE: self._inject_failure,
+            mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
+            mavlink.MAV_CMD_DO_SET_MODE: lambda order, at: self._set_mode(order.param2, at),
+            mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
         }
-        if command in modes:
-            return self._fly(modes[command], state)
-        return int(_UNSUPPORTED)
+        act = actions.get(command)
+        return int(_UNSUPPORTED) if act is None else act(message, state)
+
+    def _set_interval(self, message: Any, _: VehicleState) -> int:
+        known = self._telemetry.set_interval(_index(message.param1), message.param2)
+        return int(_ACCEPTED if known else _DENIED)
+
+    def _request(self, message: Any, now: Snapshot) -> int:
+        packet = self._telemetry.one(_index(message.param1), now)
+        if packet is None:
+            return int(_DENIED)
+        self._outbox.append(packet)
+        return int(_ACCEPTED)
 
     def _inject_failure(self, message: Any, state: VehicleState) -> int:
         if message.param1 != _GPS_UNIT:

@@ -55,7 +55,7 @@ def sim(
     record: Annotated[Path | None, typer.Option(help="Write a flight folder with truth here.")] = None,
     offline: Annotated[bool, typer.Option("--offline", help="As fast as it goes, no network; needs --record.")] = False,
     duration: Annotated[
-        float | None, typer.Option(min=0.1, help="Seconds; else endless, offline the scenario's.")
+        float | None, typer.Option(min=0.1, help="Seconds to fly; else endless or the scenario's.")
     ] = None,
     prepare: Annotated[Path | None, typer.Option(help="Only write map, elevation and flight.json here.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Folder that keeps finished worlds.")] = None,

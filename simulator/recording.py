@@ -58,7 +58,7 @@ def flight_meta(scenario: Scenario, world: World, home_ned_m: Float, start_unix_
             fy_px=camera.fy_px,
             cx_px=camera.cx_px,
             cy_px=camera.cy_px,
-            distortion=camera.distortion,
+            distortion=section.distortion,
             mount=MountMeta(roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw, lever_arm_frd_m=section.lever_arm_frd_m),
             gimbal="fixed",
         ),

@@ -69,7 +69,7 @@ class Simulation:
         self._helicopter = Helicopter(
             world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
         )
-        self.pilot = Pilot(route, self.home_ned_m, flight.speed_m_s, flight.hover_s)
+        self.pilot = Pilot(route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s)
         sensors = scenario.sensors
         self._inertial = InertialUnit(seed, sensors)
         self._barometer = Barometer(seed, sensors)
@@ -104,8 +104,7 @@ class Simulation:
         t_us = self._steps * STEP_US
         dt_s = STEP_US / 1e6
         position = self.pilot.goal_ned_m if self.state is None else self.state.pos_ned_m
-        ground_down_m = -float(self.world.terrain.at(position[0], position[1]))
-        velocity, yaw = self.pilot.command(position, dt_s, ground_down_m)
+        velocity, yaw = self.pilot.command(position, dt_s)
         state = self._helicopter.step(t_us, dt_s, velocity, yaw)
         self.state = state
         self._inertial.sample(state.rate_body_rad_s, state.specific_force_body_m_s2, dt_s)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.geometry.camera import Camera
 from estimator.types import Float, Image
@@ -15,9 +18,13 @@ from simulator.world.world import RAISED_UNIT_M, World
 _STEP_PX = 2
 _TERRAIN_STEP = 10
 _TERRAIN_ITERATIONS = 4
-_LEVEL_STEP_M = 1.25
+# Heights at which rays are tested; tall things are wide, so the steps may grow.
+_LEVELS_M = np.array([0.3, 0.9, 1.7, 2.7, 3.9, 5.3, 6.9, 8.7, 10.7, 12.9, 15.3, 18.0, 21.0], np.float32)
+_FLOOR_M = np.concatenate([[0.0], _LEVELS_M]).astype(np.float32)
+_CEILING_M = np.concatenate([[0.0], _LEVELS_M[1:], [25.5]]).astype(np.float32)
+_SIDE_M = np.float32(1.2)
 _NOISE_FRAMES = 5
-_WALL_BRIGHTNESS = 0.72
+_WALL_BRIGHTNESS = 180
 _MIN_DOWN = 0.12
 
 
@@ -28,6 +35,7 @@ class CameraView:
         self, world: World, camera: Camera, seed: int, noise_std: float = 2.4, vignetting: float = 0.28
     ) -> None:
         self.world, self.camera = world, camera
+        self._grid = (camera.height_px // _STEP_PX + 2, camera.width_px // _STEP_PX + 2)
         self._rays = self._ray_grid()
         rng = rng_for(seed, "camera")
         size = (camera.height_px, camera.width_px)
@@ -47,105 +55,134 @@ class CameraView:
         """The picture from a position (3,) with a rotation (3, 3); camera axes are right, down, forward."""
         col, row, wall = self._ground_map(pos_ned_m, ned_from_camera)
         sharp = cv2.remap(self.world.ground_bgr, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
-        return self._exposed(sharp, wall)
+        return self._exposed(_image(sharp), wall)
 
     def _ray_grid(self) -> Float32:
-        """Unit rays (rows, cols, 3) on every second pixel with one more around, so that the rim interpolates too."""
-        width, height = self.camera.width_px // _STEP_PX + 2, self.camera.height_px // _STEP_PX + 2
-        u = (np.arange(width) - 1) * _STEP_PX + (_STEP_PX - 1) / 2
-        v = (np.arange(height) - 1) * _STEP_PX + (_STEP_PX - 1) / 2
-        return self.camera.rays(np.stack(np.meshgrid(u, v), axis=-1)).astype(np.float32)
+        """Unit rays (3, rows * cols) on every second pixel with one more around, so that the rim interpolates too."""
+        rows, cols = self._grid
+        u = (np.arange(cols) - 1) * _STEP_PX + (_STEP_PX - 1) / 2
+        v = (np.arange(rows) - 1) * _STEP_PX + (_STEP_PX - 1) / 2
+        rays = self.camera.rays(np.stack(np.meshgrid(u, v), axis=-1))
+        return np.ascontiguousarray(rays.reshape(-1, 3).T, dtype=np.float32)
 
-    def _ground_map(self, pos_ned_m: Float, ned_from_camera: Float) -> tuple[Float32, Float32, Float32 | None]:
-        """Column and row on the ground raster of every pixel, and a brightness where walls show."""
-        rays = self._rays @ ned_from_camera.T.astype(np.float32)
+    def _ground_map(self, pos_ned_m: Float, ned_from_camera: Float) -> tuple[Float32, Float32, Image | None]:
+        """Column and row on the ground raster of every pixel, and where walls show."""
+        rays = (ned_from_camera.astype(np.float32) @ self._rays).reshape(3, *self._grid)
         # Rays near or above the horizon have no ground; they are bent down, which smears them into the distance.
-        down = np.maximum(rays[..., 2], np.float32(_MIN_DOWN))
-        north_per_m, east_per_m = rays[..., 0] / down, rays[..., 1] / down
-        height = self._terrain_below(pos_ned_m, north_per_m, east_per_m)
-        fall = np.float32(-pos_ned_m[2]) - height
+        down = np.maximum(rays[2], np.float32(_MIN_DOWN))
         patch = self.world.raised_patch
-        gsd = np.float32(patch.gsd_m)
-        col_per_m, row_per_m = east_per_m / gsd, -north_per_m / gsd
-        col = np.float32((pos_ned_m[1] - patch.east_min_m) / patch.gsd_m) + col_per_m * fall
-        row = np.float32((patch.north_max_m - pos_ned_m[0]) / patch.gsd_m) + row_per_m * fall
-        wall = self._climb(col, row, col_per_m, row_per_m, float(fall.min()))
-        full_col = self._upsampled(col * self._ratio + self._offset)
-        full_row = self._upsampled(row * self._ratio + self._offset)
-        return full_col, full_row, wall
-
-    def _terrain_below(self, pos_ned_m: Float, north_per_m: Float32, east_per_m: Float32) -> Float32:
-        """Terrain height where each ray comes down, by fixed-point iteration on a thinned grid."""
-        rows, cols = north_per_m.shape
-        row_at = np.linspace(0, rows - 1, rows // _TERRAIN_STEP + 1)
-        col_at = np.linspace(0, cols - 1, cols // _TERRAIN_STEP + 1)
-        thin = np.ix_(np.round(row_at).astype(int), np.round(col_at).astype(int))
-        north_thin, east_thin = north_per_m[thin], east_per_m[thin]
-        height = np.zeros(north_thin.shape)
-        for _ in range(_TERRAIN_ITERATIONS):
-            fall = -pos_ned_m[2] - height
-            height = self.world.terrain.at(pos_ned_m[0] + north_thin * fall, pos_ned_m[1] + east_thin * fall)
-        # Corner-aligned interpolation back to the half-resolution grid.
-        scale_r, scale_c = (len(row_at) - 1) / (rows - 1), (len(col_at) - 1) / (cols - 1)
-        affine = np.array([[scale_c, 0.0, 0.0], [0.0, scale_r, 0.0]])
-        smooth: Float32 = cv2.warpAffine(
-            height.astype(np.float32),
-            affine,
-            (cols, rows),
-            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_REPLICATE,
+        col_per_m = cv2.divide(rays[1], down, scale=1 / patch.gsd_m)
+        row_per_m = cv2.divide(rays[0], down, scale=-1 / patch.gsd_m)
+        col_0 = (pos_ned_m[1] - patch.east_min_m) / patch.gsd_m
+        row_0 = (patch.north_max_m - pos_ned_m[0]) / patch.gsd_m
+        fall = self._fall(float(pos_ned_m[2]), (row_0, col_0), (_float32(row_per_m), _float32(col_per_m)))
+        col = _float32(cv2.add(cv2.multiply(col_per_m, fall), col_0))
+        row = _float32(cv2.add(cv2.multiply(row_per_m, fall), row_0))
+        wall = self._climb(col, row, _float32(col_per_m), _float32(row_per_m), float(fall.min()))
+        # Onto the finer raster of colours, whose pixel centres are offset.
+        return (
+            self._upsampled(col * self._ratio + self._offset),
+            self._upsampled(row * self._ratio + self._offset),
+            wall,
         )
-        return smooth
+
+    def _fall(self, down_m: float, origin: tuple[float, float], per_m: tuple[Float32, Float32]) -> Float32:
+        """Height of the camera above the terrain where each ray comes down; fixed-point steps on a thinned grid."""
+        rows, cols = self._grid
+        thin_rows, thin_cols = rows // _TERRAIN_STEP + 1, cols // _TERRAIN_STEP + 1
+        at = np.ix_(
+            np.round(np.linspace(0, rows - 1, thin_rows)).astype(int),
+            np.round(np.linspace(0, cols - 1, thin_cols)).astype(int),
+        )
+        raised, terrain = self.world.raised_patch, self.world.terrain.patch
+        scale = raised.gsd_m / terrain.gsd_m
+        row_shift = (terrain.north_max_m - raised.north_max_m) / terrain.gsd_m
+        col_shift = (raised.east_min_m - terrain.east_min_m) / terrain.gsd_m
+        row_per_m, col_per_m = per_m[0][at] * np.float32(scale), per_m[1][at] * np.float32(scale)
+        row_0, col_0 = np.float32(origin[0] * scale + row_shift), np.float32(origin[1] * scale + col_shift)
+        fall = np.full((thin_rows, thin_cols), -down_m, np.float32)
+        for _ in range(_TERRAIN_ITERATIONS):
+            height = cv2.remap(
+                self.world.terrain.height_m,
+                col_0 + col_per_m * fall,
+                row_0 + row_per_m * fall,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            fall = np.float32(-down_m) - _float32(height)
+        # Corner-aligned interpolation back to the half-resolution grid.
+        affine = np.array([[(thin_cols - 1) / (cols - 1), 0.0, 0.0], [0.0, (thin_rows - 1) / (rows - 1), 0.0]])
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        return _float32(cv2.warpAffine(fall, affine, (cols, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE))
 
     def _climb(
         self, col: Float32, row: Float32, col_per_m: Float32, row_per_m: Float32, lowest_fall_m: float
-    ) -> Float32 | None:
+    ) -> Image | None:
         """Move map positions, in place, from the ground up to the first raised thing that each ray meets."""
-        raised = self.world.raised
-        reach = 3
-        r0, r1 = (int(np.clip(f(row), 0, raised.shape[0] - 1)) for f in (np.min, np.max))
-        c0, c1 = (int(np.clip(f(col), 0, raised.shape[1] - 1)) for f in (np.min, np.max))
-        around = raised[max(r0 - reach, 0) : r1 + reach : 2, max(c0 - reach, 0) : c1 + reach : 2]
-        top_m = min(float(around.max(initial=0)) * RAISED_UNIT_M, lowest_fall_m - 1.0)
-        if top_m < 0.3:
+        top_m = min(self._tallest_m(col, row), lowest_fall_m - 1.0)
+        levels = _LEVELS_M[top_m > _LEVELS_M]
+        if not len(levels):
             return None
-        met_m = np.zeros_like(col)
-        levels = np.arange(0.3, top_m, _LEVEL_STEP_M, dtype=np.float32)
-        for level in levels:
-            there = cv2.remap(raised, col - col_per_m * level, row - row_per_m * level, cv2.INTER_NEAREST)
+        met = np.zeros(col.shape, np.uint8)
+        col_there, row_there = np.empty_like(col), np.empty_like(row)
+        for number, level in enumerate(levels.tolist(), start=1):
+            cv2.scaleAdd(col_per_m, -level, col, dst=col_there)
+            cv2.scaleAdd(row_per_m, -level, row, dst=row_there)
+            there = cv2.remap(self.world.raised, col_there, row_there, cv2.INTER_NEAREST)
             # Going up, the last level that is hit is the first one that the ray coming down meets.
-            cv2.max(met_m, (there >= level / RAISED_UNIT_M).astype(np.float32) * level, dst=met_m)
-        hit = met_m > 0
-        surface = cv2.remap(raised, col - col_per_m * met_m, row - row_per_m * met_m, cv2.INTER_LINEAR)
-        surface_m = surface.astype(np.float32) * np.float32(RAISED_UNIT_M)
-        seen_m = np.where(hit, np.clip(surface_m, met_m, met_m + np.float32(_LEVEL_STEP_M)), np.float32(0))
+            np.copyto(met, np.uint8(number), where=there >= level / RAISED_UNIT_M)
+        met_m = _FLOOR_M[met]
+        surface = cv2.remap(
+            self.world.raised, col - col_per_m * met_m, row - row_per_m * met_m, cv2.INTER_LINEAR
+        ).astype(np.float32)
+        surface *= np.float32(RAISED_UNIT_M)
+        ceiling_m = _CEILING_M[met]
+        seen_m = np.minimum(np.maximum(surface, met_m), ceiling_m)
         col -= col_per_m * seen_m
         row -= row_per_m * seen_m
         # Well below the top of what it hit, a ray sees the side of it.
-        side = hit & (surface_m > met_m + np.float32(2 * _LEVEL_STEP_M))
-        return np.where(side, np.float32(_WALL_BRIGHTNESS), np.float32(1.0))
+        side = (surface > ceiling_m + _SIDE_M) & (met > 0)
+        return np.where(side, np.uint8(_WALL_BRIGHTNESS), np.uint8(255)) if side.any() else None
+
+    def _tallest_m(self, col: Float32, row: Float32) -> float:
+        """The tallest thing around the picture's footprint."""
+        raised = self.world.raised
+        rim = np.concatenate([np.stack([row[i], col[i]]) for i in (0, -1)], axis=1)
+        rim = np.concatenate([rim, *(np.stack([row[:, i], col[:, i]]) for i in (0, -1))], axis=1)
+        low = np.clip(rim.min(axis=1), 0, np.array(raised.shape) - 1).astype(int)
+        high = np.clip(rim.max(axis=1), 0, np.array(raised.shape) - 1).astype(int)
+        return float(raised[low[0] : high[0] + 1 : 2, low[1] : high[1] + 1 : 2].max()) * RAISED_UNIT_M
 
     def _upsampled(self, half: Float32) -> Float32:
         full = cv2.resize(half, None, fx=_STEP_PX, fy=_STEP_PX, interpolation=cv2.INTER_LINEAR)
-        return np.ascontiguousarray(full[_STEP_PX:-_STEP_PX, _STEP_PX:-_STEP_PX])
+        return _float32(full[_STEP_PX:-_STEP_PX, _STEP_PX:-_STEP_PX])
 
-    def _exposed(self, sharp: Image, wall: Float32 | None) -> Image:
+    def _exposed(self, sharp: Image, wall: Image | None) -> Image:
         # Exposure follows the mean brightness with a lag and wanders a little, as automatic exposure does.
-        brightness = float(cv2.mean(cv2.resize(sharp, (40, 30), interpolation=cv2.INTER_NEAREST))[1])
-        wanted = np.clip(112.0 / max(brightness, 1.0), 0.75, 1.35) ** 0.7
+        brightness = float(sharp[8::16, 8::16, 1].mean())
+        wanted = min(max(112.0 / max(brightness, 1.0), 0.75), 1.35) ** 0.7
         self._gain += 0.04 * (wanted - self._gain)
         self._wander = 0.99 * self._wander + 0.004 * float(self._rng.standard_normal())
         shading = self._shading
         if wall is not None:
-            factor = self._upsampled(wall)
-            shading = (shading * factor[..., None]).astype(np.uint8)
+            inner = cv2.resize(wall, None, fx=_STEP_PX, fy=_STEP_PX, interpolation=cv2.INTER_NEAREST)
+            inner = inner[_STEP_PX:-_STEP_PX, _STEP_PX:-_STEP_PX]
+            shading = _image(cv2.multiply(shading, cv2.merge([inner, inner, inner]), scale=1 / 255.0))
         lit = cv2.multiply(sharp, shading, scale=self._gain * (1 + self._wander) / 250.0)
         soft = cv2.GaussianBlur(lit, (3, 3), 0.55)
         frame, dy, dx = self._rng.integers((_NOISE_FRAMES, 32, 32))
         height, width = soft.shape[:2]
         noise = self._noise[frame, dy : dy + height, dx : dx + width]
-        out: Image = cv2.add(soft, noise, dtype=cv2.CV_8U)
-        return out
+        return _image(cv2.add(soft, noise, dtype=cv2.CV_8U))
+
+
+def _float32(array: NDArray[Any]) -> Float32:
+    """What OpenCV returned, under its real type; no copy."""
+    return np.asarray(array, np.float32)
+
+
+def _image(array: NDArray[Any]) -> Image:
+    return np.asarray(array, np.uint8)
 
 
 def _vignette(camera: Camera, strength: float) -> Image:

@@ -1,4 +1,7 @@
-"""Gyroscopes and accelerometers after table 5.1 of Conte (2009): 1 mg and 0.1 deg/s resolution, 13 mg and 0.1 deg/s bias."""
+"""Gyroscopes and accelerometers after table 5.1 of Conte (2009).
+
+Resolution 1 mg and 0.1 deg/s, bias up to 13 mg and 0.1 deg/s.
+"""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.geometry.earth import EARTH_RATE_RAD_S, gravity_m_s2, meridian_radius_m
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_euler, q_multiply, rotvec_from_q
+from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_euler, q_multiply, rotvec_from_q, skew
 from estimator.types import Float
 from simulator.random_streams import rng_for
 from simulator.vehicles.gauss_markov import GaussMarkov
@@ -46,6 +46,7 @@ class Helicopter:
         self._gravity = float(gravity_m_s2(frame.lat_rad, frame.alt_m))
         self._radius_m = float(meridian_radius_m(frame.lat_rad))
         self._earth_rate = EARTH_RATE_RAD_S * np.array([cos(frame.lat_rad), 0.0, -sin(frame.lat_rad)])
+        self._coriolis = 2 * skew(self._earth_rate)
         self._angle = np.array([0.0, 0.0, yaw_rad])
         self._angle_rate = np.zeros(3)
         self._thrust = self._gravity
@@ -101,7 +102,7 @@ class Helicopter:
         rate = rotation + ned_from_body.T @ self._earth_rate
         # The plumb line leans as the vehicle leaves the frame's origin: 1e-3 m/s2 at 600 m.
         plumb = np.array([-self._pos[0] / self._radius_m, -self._pos[1] / self._radius_m, 1.0]) * self._gravity
-        coriolis = 2 * np.cross(self._earth_rate, self._vel)
+        coriolis = self._coriolis @ self._vel
         force = ned_from_body.T @ ((self._vel - vel_before) / dt_s + coriolis - plumb)
         return VehicleState(
             t_us=t_us,

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from math import atan2, hypot, sqrt
 
 import numpy as np
 
 from estimator.types import Float
 from simulator.vehicles.route import Route
+from simulator.world.terrain import Terrain
 
-_LOOK_AHEAD_M = 9.0
+_LOOK_AHEAD = 4
 _DECELERATION_M_S2 = 1.1
 _SIDE_ACCELERATION_M_S2 = 2.0
 _CLIMB_M_S = 2.5
 _ARRIVED_M = 1.5
 _POINT_SPACING_M = 2.0
+_SKID_M = 0.3
 
 
 class FlightMode(IntEnum):
@@ -31,8 +34,10 @@ class FlightMode(IntEnum):
 class Pilot:
     """Turns mode and position into a velocity and a heading to fly."""
 
-    def __init__(self, route: Route, home_ned_m: Float, speed_m_s: float, hover_s: float) -> None:
+    def __init__(self, route: Route, home_ned_m: Float, terrain: Terrain, speed_m_s: float, hover_s: float) -> None:
+        self._terrain = terrain
         self._route, self.home_ned_m, self._speed, self._hover_s = route, home_ned_m, speed_m_s, hover_s
+        self._limit_m_s = _speed_limits(route)
         self.mode = FlightMode.AUTO
         self._index = 0
         self._speed_now = 0.0
@@ -57,7 +62,7 @@ class Pilot:
         else:
             self.goal_ned_m = np.array(pos_ned_m)
 
-    def command(self, pos_ned_m: Float, dt_s: float, ground_down_m: float) -> tuple[Float, float]:
+    def command(self, pos_ned_m: Float, dt_s: float) -> tuple[Float, float]:
         """Velocity (3,) and heading to fly now."""
         if self.mode is FlightMode.AUTO:
             return self._along_route(pos_ned_m, dt_s), self._yaw
@@ -65,7 +70,7 @@ class Pilot:
         if self.mode is FlightMode.RTL and np.hypot(offset[0], offset[1]) < _ARRIVED_M:
             self.goal_ned_m[2] = self.home_ned_m[2] - 15.0
         if self.mode is FlightMode.LAND:
-            self.goal_ned_m[2] = ground_down_m - 0.3
+            self.goal_ned_m[2] = -float(self._terrain.at(pos_ned_m[0], pos_ned_m[1])) - _SKID_M
         return self._towards(offset, dt_s), self._yaw
 
     def _towards(self, offset_ned_m: Float, dt_s: float) -> Float:
@@ -83,35 +88,48 @@ class Pilot:
 
     def _along_route(self, pos_ned_m: Float, dt_s: float) -> Float:
         route, count = self._route, len(self._route.pos_ned_m)
-        window = (self._index + np.arange(12)) % count
-        self._index = int(window[np.argmin(np.linalg.norm(route.pos_ned_m[window] - pos_ned_m, axis=1))])
+        while self._is_nearer(pos_ned_m, (self._index + 1) % count, self._index):
+            self._index = (self._index + 1) % count
         to_stop_m = ((self._next_stop - self._index) % count) * _POINT_SPACING_M
         if self._hover_left_s > 0.0:
-            self._hover_left_s -= dt_s
-            offset = route.pos_ned_m[self._next_stop] - pos_ned_m
-            if self._hover_left_s <= 0.0:
-                self._next_stop = self._stop_after(self._index + 4)
-                self._speed_now = 0.0
-            return np.clip(0.5 * offset, -2.0, 2.0)
+            return self._hover(pos_ned_m, dt_s)
         if self._next_stop >= 0 and to_stop_m < 5.0:
             self._hover_left_s = self._hover_s
-        allowed = self._speed
-        for ahead in (0, 8, 16, 24, 32):
-            bend = route.curvature_per_m[(self._index + ahead) % count]
-            there = np.sqrt(_SIDE_ACCELERATION_M_S2 / max(bend, 1e-3))
-            allowed = min(allowed, np.sqrt(there**2 + 2 * _DECELERATION_M_S2 * ahead * _POINT_SPACING_M))
+        allowed = min(self._speed, float(self._limit_m_s[self._index]))
         if self._next_stop >= 0:
-            allowed = min(allowed, np.sqrt(2 * _DECELERATION_M_S2 * max(to_stop_m - 3.0, 0.3)))
-        self._speed_now += float(np.clip(allowed - self._speed_now, -2.5 * dt_s, 1.2 * dt_s))
-        carrot = route.pos_ned_m[(self._index + int(_LOOK_AHEAD_M / _POINT_SPACING_M)) % count]
-        offset = carrot - pos_ned_m
-        direction = offset[:2] / max(float(np.hypot(offset[0], offset[1])), 1e-6)
+            allowed = min(allowed, sqrt(2 * _DECELERATION_M_S2 * max(to_stop_m - 3.0, 0.3)))
+        self._speed_now += min(max(allowed - self._speed_now, -2.5 * dt_s), 1.2 * dt_s)
+        north, east, _ = (route.pos_ned_m[(self._index + _LOOK_AHEAD) % count] - pos_ned_m).tolist()
+        share = self._speed_now / max(hypot(north, east), 1e-6)
         tangent = route.tangent_ne[(self._index + 6) % count]
-        self._yaw = float(np.arctan2(tangent[1], tangent[0]))
-        climb = np.clip(0.5 * (route.pos_ned_m[self._index, 2] - pos_ned_m[2]), -_CLIMB_M_S, _CLIMB_M_S)
-        return np.array([*(direction * self._speed_now), climb])
+        self._yaw = atan2(tangent[1], tangent[0])
+        climb = 0.5 * float(route.pos_ned_m[self._index, 2] - pos_ned_m[2])
+        return np.array([share * north, share * east, min(max(climb, -_CLIMB_M_S), _CLIMB_M_S)])
+
+    def _is_nearer(self, pos_ned_m: Float, index: int, other: int) -> bool:
+        first, second = self._route.pos_ned_m[index] - pos_ned_m, self._route.pos_ned_m[other] - pos_ned_m
+        return float(first @ first) < float(second @ second)
+
+    def _hover(self, pos_ned_m: Float, dt_s: float) -> Float:
+        self._hover_left_s -= dt_s
+        offset = self._route.pos_ned_m[self._next_stop] - pos_ned_m
+        if self._hover_left_s <= 0.0:
+            self._next_stop = self._stop_after(self._index + 4)
+            self._speed_now = 0.0
+        hold: Float = np.clip(0.5 * offset, -2.0, 2.0)
+        return hold
 
     def _stop_after(self, index: int) -> int:
         """Index of the next hover stop on the route, -1 when it has none."""
         stops, count = self._route.hover_at, len(self._route.pos_ned_m)
         return min(stops, key=lambda stop: (stop - index - 1) % count) if stops else -1
+
+
+def _speed_limits(route: Route) -> Float:
+    """Speed (n,) at which each point may be passed, so that the bends ahead can still be flown."""
+    limit = np.sqrt(_SIDE_ACCELERATION_M_S2 / np.maximum(route.curvature_per_m, 1e-3))
+    best = limit.copy()
+    for ahead in range(1, 40):
+        later = np.roll(limit, -ahead)
+        best = np.minimum(best, np.sqrt(later**2 + 2 * _DECELERATION_M_S2 * ahead * _POINT_SPACING_M))
+    return best

@@ -66,18 +66,15 @@ def _closed_spline(nodes: Float) -> Float:
         p = [nodes[(index + k) % count] for k in (-1, 0, 1, 2)]
         knots = np.concatenate([[0.0], np.cumsum([np.sqrt(np.linalg.norm(p[k + 1] - p[k])) for k in range(3)])])
         t = np.linspace(knots[1], knots[2], 200, endpoint=False)[:, None]
-        a = [
-            (knots[k + 1] - t) / (knots[k + 1] - knots[k]) * p[k]
-            + (t - knots[k]) / (knots[k + 1] - knots[k]) * p[k + 1]
-            for k in range(3)
-        ]
-        b = [
-            (knots[k + 2] - t) / (knots[k + 2] - knots[k]) * a[k]
-            + (t - knots[k]) / (knots[k + 2] - knots[k]) * a[k + 1]
-            for k in range(2)
-        ]
-        pieces.append((knots[2] - t) / (knots[2] - knots[1]) * b[0] + (t - knots[1]) / (knots[2] - knots[1]) * b[1])
+        a = [_blend(t, knots[k], knots[k + 1], p[k], p[k + 1]) for k in range(3)]
+        b = [_blend(t, knots[k], knots[k + 2], a[k], a[k + 1]) for k in range(2)]
+        pieces.append(_blend(t, knots[1], knots[2], b[0], b[1]))
     return np.vstack(pieces)
+
+
+def _blend(t: Float, start: float, stop: float, first: Float, second: Float) -> Float:
+    blended: Float = ((stop - t) * first + (t - start) * second) / (stop - start)
+    return blended
 
 
 def _resampled(points: Float) -> Float:

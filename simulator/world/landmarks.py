@@ -13,7 +13,7 @@ from simulator.world.raised import CAR_HEIGHT_M, Car
 from simulator.world.regions import pitch_lines_ne_m
 from simulator.world.terrain import Terrain
 
-_WANTED_CARS = 10
+_WANTED_CARS = 30
 _UNIT_M = 0.1
 
 
@@ -38,12 +38,12 @@ def find_landmarks(
     for index, crossing in enumerate(_crossings(layout)):
         candidates.append((f"crossing-{index + 1}", *crossing))
     chosen: list[tuple[str, float, float]] = [c for c in candidates if _clear(c, raised, patch, 0.3)]
-    limit = 0.72 * layout.half_size_m
+    limit = 0.85 * layout.half_size_m
     for car in cars:
         place = (float(car.centre_ne_m[0]), float(car.centre_ne_m[1]))
         if sum(name.startswith("car") for name, *_ in chosen) >= _WANTED_CARS:
             break
-        apart = all(np.hypot(place[0] - n, place[1] - e) > 60.0 for _, n, e in chosen)
+        apart = all(np.hypot(place[0] - n, place[1] - e) > 45.0 for _, n, e in chosen)
         name = f"car-{sum(name.startswith('car') for name, *_ in chosen) + 1}"
         if apart and max(map(abs, place)) < limit and _clear((name, *place), raised, patch, CAR_HEIGHT_M + 0.3):
             chosen.append((name, *place))

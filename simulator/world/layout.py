@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,13 +143,16 @@ def rectangle(centre_ne_m: Float, length_m: float, width_m: float, azimuth_rad: 
     """Corners (4, 2) of a rectangle whose length points along the azimuth."""
     along = np.array([np.cos(azimuth_rad), np.sin(azimuth_rad)]) * length_m / 2
     across = np.array([-np.sin(azimuth_rad), np.cos(azimuth_rad)]) * width_m / 2
-    return np.asarray(centre_ne_m) + np.array([along + across, along - across, -along - across, -along + across])
+    corners: Float = np.asarray(centre_ne_m) + np.array(
+        [along + across, along - across, -along - across, -along + across]
+    )
+    return corners
 
 
 def densified(line_ne_m: Float, step_m: float = 8.0) -> Float:
     """The same polyline with vertices at most ``step_m`` apart."""
     pieces = []
-    for start, stop in zip(line_ne_m[:-1], line_ne_m[1:], strict=True):
+    for start, stop in pairwise(line_ne_m):
         count = max(1, int(np.ceil(np.hypot(*(stop - start)) / step_m)))
         pieces.append(start + (stop - start) * (np.arange(count) / count)[:, None])
     return np.vstack([*pieces, line_ne_m[-1:]])
@@ -157,7 +161,7 @@ def densified(line_ne_m: Float, step_m: float = 8.0) -> Float:
 def distance_to_line_m(points_ne_m: Float, line_ne_m: Float) -> Float:
     """Distance (n,) of points (n, 2) from a polyline."""
     best = np.full(len(points_ne_m), np.inf)
-    for start, stop in zip(line_ne_m[:-1], line_ne_m[1:], strict=True):
+    for start, stop in pairwise(line_ne_m):
         span = stop - start
         length2 = max(float(span @ span), 1e-9)
         t = np.clip((points_ne_m - start) @ span / length2, 0.0, 1.0)

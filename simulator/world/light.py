@@ -42,8 +42,8 @@ def _cast_shadow(surface_m: Float32, patch: Patch, azimuth_rad: float, elevation
         np.maximum(target, source - drop_m, out=target)
     shade = np.clip((horizon - low - 0.1) / np.float32(0.5), 0, 1)
     soft = cv2.GaussianBlur(shade, (3, 3), 0.6)
-    full: Float32 = cv2.resize(soft, (patch.cols, patch.rows), interpolation=cv2.INTER_LINEAR)
-    return full
+    full = cv2.resize(soft, (patch.cols, patch.rows), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(full, np.float32)
 
 
 def leaned(
@@ -61,11 +61,11 @@ def leaned(
             raised_m, shift, (patch.cols, patch.rows), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
         )
         np.copyto(seen_m, np.minimum(moved, np.float32(level + 1.0)), where=moved >= level)
-    out: NDArray[np.uint8] = cv2.remap(
+    out = cv2.remap(
         image,
         col - seen_m * np.float32(east_per_m),
         row + seen_m * np.float32(north_per_m),
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return out
+    return np.asarray(out, np.uint8)

@@ -51,10 +51,9 @@ class FractalNoise:
         window = self._lattice.take(rows, axis=0, mode="wrap").take(cols, axis=1, mode="wrap")
         inverse = np.array([[step, 0.0, col - first_col], [0.0, step, row - first_row]])
         flags = (cv2.INTER_CUBIC if step < 0.5 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
-        warped: Float32 = cv2.warpAffine(
-            window, inverse, (patch.cols, patch.rows), flags=flags, borderMode=cv2.BORDER_REPLICATE
-        )
-        return warped
+        size = (patch.cols, patch.rows)
+        warped = cv2.warpAffine(window, inverse, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        return np.asarray(warped, np.float32)
 
 
 def _coarse_patch(patch: Patch) -> Patch:

@@ -78,7 +78,7 @@ class Painter:
             crop = self._look.crops[FIRST_PARCEL + index]
             if crop.row_contrast > 0 and patch.touches(parcel.outline_ne_m):
                 self._rows(factor, labels, patch, parcel, crop, FIRST_PARCEL + index)
-        hue = np.float32(0.035) * self._noise["hue"].sample(patch, 30.0, 3, 0.7)
+        hue = np.float32(0.014) * self._noise["hue"].sample(patch, 30.0, 3, 0.7)
         dry = (labels != Material.ASPHALT) & (labels != Material.PAINT)
         hue *= dry
         colour *= factor[..., None]
@@ -134,4 +134,4 @@ def _row_profile(rng: np.random.Generator, crop: Crop, width_m: float) -> Float3
         phase = (across + rng.uniform(0, spacing)) % spacing
         for wheel in (-0.9, 0.9):
             profile = np.where(np.abs(phase - spacing / 2 - wheel) < 0.25, profile - 0.14, profile)
-    return profile.astype(np.float32)
+    return np.asarray(profile, np.float32)

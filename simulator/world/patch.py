@@ -101,12 +101,14 @@ class Patch:
             self.gsd_m,
         )
 
-    def fill(self, image: NDArray[np.generic], outline_ne_m: Float, value: float) -> None:
+    def fill(self, image: NDArray[np.uint8] | NDArray[np.uint16], outline_ne_m: Float, value: float) -> None:
         """Fill a polygon (n, 2) into ``image`` in place."""
         if self.touches(outline_ne_m):
             cv2.fillPoly(image, [self._fixed(outline_ne_m)], value, shift=_SHIFT)
 
-    def stroke(self, image: NDArray[np.generic], line_ne_m: Float, width_m: float, value: float) -> None:
+    def stroke(
+        self, image: NDArray[np.uint8] | NDArray[np.uint16], line_ne_m: Float, width_m: float, value: float
+    ) -> None:
         """Draw a polyline (n, 2) of a width into ``image`` in place; never thinner than a pixel."""
         if self.touches(line_ne_m, width_m):
             thickness = max(1, round(width_m / self.gsd_m))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.types import Float
 from simulator.world.layout import Border, BorderKind, Building, Parcel, Trees, Use, Way, WayKind, densified
@@ -132,11 +133,12 @@ def _inside(rng: np.random.Generator, outline_ne_m: Float, count: int) -> Float:
     return points[_contains(outline_ne_m, points)]
 
 
-def _contains(outline_ne_m: Float, points_ne_m: Float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _contains(outline_ne_m: Float, points_ne_m: Float) -> NDArray[np.bool_]:
     """Which points (n, 2) lie inside, to within half a metre: looked up in a filled raster."""
     low = np.floor(outline_ne_m.min(axis=0)) - 1
     size = (np.ceil(outline_ne_m.max(axis=0)) - low + 2).astype(int) * 2
     mask = np.zeros((size[0], size[1]), np.uint8)
     cv2.fillPoly(mask, [np.round((outline_ne_m - low)[:, ::-1] * 2).astype(np.int32)], 1)
     cells = np.clip(np.round((points_ne_m - low) * 2).astype(int), 0, size - 1)
-    return mask[cells[:, 0], cells[:, 1]] > 0
+    inside: NDArray[np.bool_] = mask[cells[:, 0], cells[:, 1]] > 0
+    return inside

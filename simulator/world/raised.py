@@ -145,8 +145,8 @@ def _polar() -> tuple[Float32, Float32]:
 
 def _lumps(rng: np.random.Generator, cells: int) -> Float32:
     small = rng.standard_normal((cells, cells)).astype(np.float32)
-    lumps: Float32 = cv2.resize(small, (_STAMP_PX, _STAMP_PX), interpolation=cv2.INTER_CUBIC)
-    return lumps
+    lumps = cv2.resize(small, (_STAMP_PX, _STAMP_PX), interpolation=cv2.INTER_CUBIC)
+    return np.asarray(lumps, np.float32)
 
 
 def _dome(rng: np.random.Generator, raggedness: float, lumpiness: float) -> Float32:

@@ -159,8 +159,8 @@ def _tile(
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    out: Image = cv2.resize(warped, (cols[1] - cols[0], rows[1] - rows[0]), interpolation=cv2.INTER_AREA)
-    return out
+    small = cv2.resize(warped, (cols[1] - cols[0], rows[1] - rows[0]), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8)
 
 
 def _sensed(image: Image, painter: Painter, seed: int) -> Image:
@@ -176,5 +176,4 @@ def _sensed(image: Image, painter: Painter, seed: int) -> Image:
         part += rng.standard_normal(part.shape, dtype=np.float32) * np.float32(sensor.noise_std)
         out[start : start + 400] = np.clip(np.round(part), 0, 255).astype(np.uint8)
     _, packed = cv2.imencode(".jpg", out, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    decoded: Image = cv2.imdecode(packed, cv2.IMREAD_COLOR)
-    return decoded
+    return np.asarray(cv2.imdecode(packed, cv2.IMREAD_COLOR), np.uint8)

@@ -121,31 +121,22 @@ def label_ground(layout: Layout, patch: Patch) -> Labels:
     return labels
 
 
+# Drawn one after another: how much wider than the way (or how wide, when negative), and what.
+_WAY_LAYERS: dict[WayKind, tuple[tuple[float, Material], ...]] = {
+    WayKind.DRIVE: ((0.0, Material.GRAVEL),),
+    WayKind.TRACK: ((2.0, Material.VERGE), (0.0, Material.GRAVEL), (-0.8, Material.TRACK_GRASS)),
+    WayKind.STREET: ((3.0, Material.GRAVEL), (0.5, Material.KERB), (0.0, Material.ASPHALT)),
+    WayKind.MAIN: ((4.0, Material.VERGE), (0.0, Material.ASPHALT)),
+}
+
+
 def _draw_ways(labels: Labels, patch: Patch, ways: tuple[Way, ...], kind: WayKind) -> None:
     """Layer by layer over all ways of a kind, so that crossings come out clean."""
     chosen = [way for way in ways if way.kind is kind and patch.touches(way.line_ne_m, 12.0)]
-    if kind is WayKind.DRIVE:
+    for extra_m, material in _WAY_LAYERS[kind]:
         for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m, Material.GRAVEL)
-    elif kind is WayKind.TRACK:
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m + 2.0, Material.VERGE)
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m, Material.GRAVEL)
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, 0.8, Material.TRACK_GRASS)
-    elif kind is WayKind.STREET:
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m + 3.0, Material.GRAVEL)
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m + 0.5, Material.KERB)
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m, Material.ASPHALT)
-    else:
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m + 4.0, Material.VERGE)
-        for way in chosen:
-            patch.stroke(labels, way.line_ne_m, way.width_m, Material.ASPHALT)
+            patch.stroke(labels, way.line_ne_m, way.width_m + extra_m if extra_m >= 0 else -extra_m, material)
+    if kind is WayKind.MAIN:
         for way in chosen:
             _draw_markings(labels, patch, way)
 

@@ -320,7 +320,11 @@ def later_layout(layout: Layout, seed: int, changed_share: float) -> Layout:
             keep &= np.linalg.norm(positions - centre, axis=1) > rng.uniform(25, 45)
     trees = layout.trees.kept(keep)
     trees = trees.scaled(rng.normal(1.06, 0.06, len(trees.radius_m)).clip(0.8, 1.3))
-    buildings = [_renovated(rng, b, changed_share) for b in layout.buildings if rng.random() > changed_share / 2]
+    buildings = [
+        _renovated(rng, building, changed_share)
+        for building in layout.buildings
+        if rng.random() > changed_share / 2 or building.kind is BuildingKind.HALL
+    ]
     return replace(
         layout,
         parcels=tuple(parcels),

@@ -41,14 +41,14 @@ class Terrain:
         """Heights on the pixels of a finer patch."""
         step = patch.gsd_m / self.patch.gsd_m
         row, col = self.patch.row_col(np.array([patch.north_max_m, patch.east_min_m]))
-        warped: Float32 = cv2.warpAffine(
+        warped = cv2.warpAffine(
             self.height_m,
             np.array([[step, 0.0, col], [0.0, step, row]]),
             (patch.cols, patch.rows),
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderMode=cv2.BORDER_REPLICATE,
         )
-        return warped
+        return np.asarray(warped, np.float32)
 
 
 def make_terrain(seed: int, layout: Layout, relief_m: float) -> Terrain:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
 import tempfile
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,7 +26,7 @@ from simulator.world.settle import base_layout, later_layout
 from simulator.world.terrain import Terrain, make_terrain
 
 # Raise it whenever the same seed gives another world, so that no stale cache is used.
-GENERATION = 1
+GENERATION = 2
 
 _TILE_PX = 1500
 _RAISED_FACTOR = 2
@@ -150,7 +150,10 @@ def _store(world: World, folder: Path) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     partial = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        arrays = (world.ground_bgr, world.raised, world.terrain.height_m, world.reference.bands, world.elevation.bands)
+        arrays: tuple[NDArray[Any], ...] = (
+            *(world.ground_bgr, world.raised, world.terrain.height_m),
+            *(world.reference.bands, world.elevation.bands),
+        )
         for name, array in zip(_ARRAYS, arrays, strict=True):
             np.save(partial / f"{name}.npy", array)
         about = {
@@ -162,12 +165,12 @@ def _store(world: World, folder: Path) -> None:
         (partial / "about.json").write_text(json.dumps(about))
         (partial / "complete").touch()
         try:
-            os.replace(partial, folder)
+            partial.replace(folder)
         except OSError:
             # Somebody else was faster, or a broken folder is in the way.
             if not (folder / "complete").exists():
                 shutil.rmtree(folder, ignore_errors=True)
-                os.replace(partial, folder)
+                partial.replace(folder)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
