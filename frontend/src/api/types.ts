@@ -302,6 +302,8 @@ export interface Flight {
   duration_s?: Maybe<number>;
   bytes?: Maybe<number>;
   recording?: boolean;
+  read_only?: boolean;
+  warnings?: string[];
   problem?: Maybe<string>;
   [more: string]: unknown;
 }

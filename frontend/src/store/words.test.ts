@@ -69,6 +69,6 @@ it('speaks of the connection, of fixes, methods and vehicles', () => {
   });
   expect([0.5, 8, 60, null].map(fixAgeTone)).toEqual(['good', 'watch', 'bad', 'none']);
   expect([methodWords('ray_terrain'), methodWords('line_of_sight')]).toEqual(['ray to terrain', 'line of sight']);
-  expect(vehicleWords(vehicle({ telemetry: { vehicle_type: 'helicopter', simulated: true } }))).toBe('1 · helicopter (simulated)');
+  expect(vehicleWords(vehicle({ telemetry: { vehicle_type: 'helicopter', simulated: true } }))).toBe('1 · helicopter (sim)');
   expect(vehicleWords(newVehicle('replay-f1'))).toBe('Replay f1');
 });

@@ -146,5 +146,5 @@ export function vehicleWords(vehicle: Vehicle): string {
   if (isReplay(vehicle.id)) return `Replay ${vehicle.replay?.flight_id ?? vehicle.id.slice('replay-'.length)}`;
   const type = vehicle.telemetry?.vehicle_type ?? vehicle.summary?.vehicle_type ?? 'vehicle';
   const simulated = vehicle.telemetry?.simulated ?? vehicle.summary?.simulated ?? false;
-  return `${vehicle.id} · ${String(type).replaceAll('_', ' ')}${simulated ? ' (simulated)' : ''}`;
+  return `${vehicle.id} · ${String(type).replaceAll('_', ' ')}${simulated ? ' (sim)' : ''}`;
 }
