@@ -1,0 +1,94 @@
+"""Alarms with hysteresis: a condition must hold for a while before it alarms, and be gone for a while before it clears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+Severity = Literal["info", "caution", "warning"]
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmKind:
+    """What an alarm is called, how grave it is, and how long its condition must hold or be gone."""
+
+    code: str
+    severity: Severity
+    raise_after_s: float
+    clear_after_s: float
+
+
+GPS_LOST = AlarmKind("gps_lost", "warning", 2.0, 3.0)
+VIDEO_STOPPED = AlarmKind("video_stopped", "warning", 1.0, 2.0)
+VIDEO_FROZEN = AlarmKind("video_frozen", "warning", 0.5, 2.0)
+VIDEO_SIZE = AlarmKind("video_size", "warning", 0.0, 2.0)
+LINK_LOST = AlarmKind("link_lost", "warning", 0.0, 1.0)
+NAVIGATOR_LOST = AlarmKind("navigator_lost", "warning", 1.0, 2.0)
+NAVIGATOR_FAILED = AlarmKind("navigator_failed", "warning", 0.0, 5.0)
+DEAD_RECKONING = AlarmKind("dead_reckoning", "caution", 3.0, 2.0)
+DISK_LOW = AlarmKind("disk_low", "caution", 0.0, 30.0)
+RECORDING_FAILED = AlarmKind("recording_failed", "warning", 0.0, 10.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One alarm of one vehicle (or of the station, ``vehicle_id`` None), raised or cleared."""
+
+    id: str
+    vehicle_id: str | None
+    severity: Severity
+    code: str
+    text: str
+    active: bool
+    since_unix_us: int
+
+
+@dataclass(slots=True)
+class _Watch:
+    kind: AlarmKind
+    condition: bool = False
+    changed_us: int = 0
+    alarm: Alarm | None = None
+
+
+@dataclass(slots=True)
+class AlarmBoard:
+    """All conditions that are watched, and the alarms they raised. Pure: time is an argument."""
+
+    _watches: dict[tuple[str | None, str], _Watch] = field(default_factory=dict)
+
+    @property
+    def active(self) -> list[Alarm]:
+        """Alarms that stand now, the oldest first."""
+        alarms = [watch.alarm for watch in self._watches.values() if watch.alarm is not None]
+        return sorted(alarms, key=lambda alarm: alarm.since_unix_us)
+
+    def watch(self, kind: AlarmKind, vehicle_id: str | None, condition: bool, text: str, t_us: int) -> Alarm | None:
+        """Report whether a condition holds at ``t_us``; returns the alarm when it is raised or cleared by this."""
+        watch = self._watches.setdefault((vehicle_id, kind.code), _Watch(kind, changed_us=t_us))
+        if condition != watch.condition:
+            watch.condition = condition
+            watch.changed_us = t_us
+        held_s = (t_us - watch.changed_us) / 1e6
+        if condition and watch.alarm is None and held_s >= kind.raise_after_s:
+            identity = f"{kind.code}:{vehicle_id or 'station'}:{watch.changed_us}"
+            watch.alarm = Alarm(identity, vehicle_id, kind.severity, kind.code, text, True, watch.changed_us)
+            return watch.alarm
+        if not condition and watch.alarm is not None and held_s >= kind.clear_after_s:
+            cleared = watch.alarm
+            watch.alarm = None
+            return Alarm(
+                cleared.id, vehicle_id, cleared.severity, cleared.code, cleared.text, False, cleared.since_unix_us
+            )
+        return None
+
+    def forget(self, vehicle_id: str) -> list[Alarm]:
+        """Drop everything about a vehicle; returns its standing alarms as cleared."""
+        cleared = []
+        for key in [key for key in self._watches if key[0] == vehicle_id]:
+            alarm = self._watches.pop(key).alarm
+            if alarm is not None:
+                cleared.append(
+                    Alarm(alarm.id, vehicle_id, alarm.severity, alarm.code, alarm.text, False, alarm.since_unix_us)
+                )
+        return cleared

@@ -1,0 +1,69 @@
+"""Maps: import, list, show as tiles."""
+
+from __future__ import annotations
+
+import asyncio
+import tempfile
+from http import HTTPStatus
+from pathlib import Path
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Form, Response, UploadFile
+
+from backend.api.access import the_station
+from backend.errors import InvalidRequestError
+from backend.schemas.vehicles import MapBody
+from backend.station import Station
+
+router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
+
+TheStation = Annotated[Station, Depends(the_station)]
+CHUNK_BYTES = 1 << 20
+
+
+@router.get("")
+async def list_maps(station: TheStation) -> list[MapBody]:
+    """All maps of the library, those imported by the command line meanwhile included."""
+    await station.maps.refresh()
+    return station.maps.bodies()
+
+
+@router.post("", status_code=HTTPStatus.CREATED)
+async def import_map(
+    station: TheStation, file: UploadFile, name: Annotated[str | None, Form(max_length=200)] = None,
+    kind: Annotated[Literal["imagery", "elevation"] | None, Form()] = None,
+) -> MapBody:  # fmt: skip
+    """Upload a georeferenced raster (GeoTIFF of any CRS); it becomes a map layer and the matcher's reference."""
+    given = Path(file.filename or "map.tif").name
+    station.maps_inbox.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=station.maps_inbox) as folder:
+        path = Path(folder) / (given if given not in ("", ".", "..") else "map.tif")
+        with path.open("wb") as out:
+            while chunk := await file.read(CHUNK_BYTES):
+                await asyncio.to_thread(out.write, chunk)
+        return await station.import_map(path, name or Path(given).stem, kind)
+
+
+@router.get("/{map_id}")
+async def get_map(map_id: str, station: TheStation) -> MapBody:
+    """One map."""
+    return station.maps.body(map_id)
+
+
+@router.delete("/{map_id}", status_code=HTTPStatus.NO_CONTENT)
+async def delete_map(map_id: str, station: TheStation) -> None:
+    """Remove a map from the library; an estimator that uses it keeps its copy in memory."""
+    await station.delete_map(map_id)
+
+
+@router.get(
+    "/{map_id}/tiles/{z}/{x}/{y}.png",
+    response_class=Response, responses={200: {"content": {"image/png": {}}}},
+)  # fmt: skip
+async def get_tile(map_id: str, z: int, x: int, y: int, station: TheStation) -> Response:
+    """A Web-Mercator tile of 256 pixels, transparent where the map does not reach."""
+    try:
+        content = await station.maps.tile(map_id, z, x, y)
+    except ValueError as error:
+        raise InvalidRequestError(str(error)) from None
+    return Response(content, media_type="image/png", headers={"Cache-Control": "max-age=3600"})

@@ -1,0 +1,91 @@
+"""Targets: from a click on a frame, or typed in."""
+
+from __future__ import annotations
+
+import re
+from http import HTTPStatus
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Header, Query, Response
+
+from backend.api.access import the_station
+from backend.errors import InvalidRequestError, NotOfferedError
+from backend.schemas.geometry import (
+    NewTarget,
+    TargetCollection,
+    TargetFeature,
+    TargetPatch,
+    collection_of_targets,
+    feature_of_target,
+)
+from backend.station import Station
+from backend.store.targets import Target, TargetChange
+
+router = APIRouter(prefix="/api/v1/targets", tags=["targets"])
+
+TheStation = Annotated[Station, Depends(the_station)]
+IfMatch = Annotated[str | None, Header(description="The ETag that the target must still have")]
+
+LATER_FORMATS = ("kml", "csv", "gpx", "cot")
+
+
+@router.get("")
+async def list_targets(
+    station: TheStation, format: Annotated[str, Query(description="geojson")] = "geojson"
+) -> TargetCollection:
+    """All targets as a GeoJSON FeatureCollection."""
+    if format in LATER_FORMATS:
+        raise NotOfferedError(f"format '{format}' is not offered by this version: use format=geojson")
+    if format != "geojson":
+        raise InvalidRequestError(f"format '{format}' is not known: use format=geojson")
+    return collection_of_targets(await station.targets.all())
+
+
+@router.post("", status_code=HTTPStatus.CREATED)
+async def create_target(body: NewTarget, station: TheStation, response: Response) -> TargetFeature:
+    """Locate what a pixel of a frame shows, or keep coordinates. When this answers, the target is on the disk."""
+    target = await station.create_target(body)
+    response.headers["ETag"] = _etag(target)
+    response.headers["Location"] = f"/api/v1/targets/{target.id}"
+    return feature_of_target(target)
+
+
+@router.get("/{target_id}")
+async def get_target(target_id: str, station: TheStation, response: Response) -> TargetFeature:
+    """One target."""
+    target = await station.targets.get(target_id)
+    response.headers["ETag"] = _etag(target)
+    return feature_of_target(target)
+
+
+@router.patch("/{target_id}")
+async def change_target(
+    target_id: str, body: TargetPatch, station: TheStation, response: Response, if_match: IfMatch = None
+) -> TargetFeature:
+    """Rename or move a target."""
+    if (body.lat_deg is None) != (body.lon_deg is None):
+        raise InvalidRequestError("a new position needs both lat_deg and lon_deg")
+    position = None if body.lat_deg is None or body.lon_deg is None else (body.lat_deg, body.lon_deg)
+    change = TargetChange(body.name, position, body.alt_amsl_m)
+    target = await station.change_target(target_id, change, _version(if_match))
+    response.headers["ETag"] = _etag(target)
+    return feature_of_target(target)
+
+
+@router.delete("/{target_id}", status_code=HTTPStatus.NO_CONTENT)
+async def delete_target(target_id: str, station: TheStation, if_match: IfMatch = None) -> None:
+    """Remove a target."""
+    await station.delete_target(target_id, _version(if_match))
+
+
+def _etag(target: Target) -> str:
+    return f'"{target.version}"'
+
+
+def _version(if_match: str | None) -> int | None:
+    if if_match is None or if_match.strip() == "*":
+        return None
+    found = re.fullmatch(r'\s*"(\d{1,9})"\s*', if_match)
+    if found is None:
+        raise InvalidRequestError(f'If-Match {if_match!r} is not an ETag of a target, such as "3"')
+    return int(found.group(1))

@@ -1,0 +1,78 @@
+"""Vehicles: what they are, where they are and were, what they are told."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Query
+
+from backend.api.access import the_station
+from backend.errors import NoStateYetError
+from backend.fleet.vehicle import TrackSource, VehicleView
+from backend.schemas.geometry import TrackCollection, TrackFeature, TrackGeometry, TrackProperties
+from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, VehicleBody
+from backend.station import Station
+
+router = APIRouter(prefix="/api/v1/vehicles", tags=["vehicles"])
+
+TheStation = Annotated[Station, Depends(the_station)]
+
+
+@router.get("")
+async def list_vehicles(station: TheStation) -> list[VehicleBody]:
+    """All vehicles heard so far, and running replays."""
+    return [VehicleBody(**vehicle.summary()) for vehicle in station.vehicles()]
+
+
+@router.get("/{vehicle_id}")
+async def get_vehicle(vehicle_id: str, station: TheStation) -> VehicleBody:
+    """One vehicle."""
+    return VehicleBody(**station.vehicle(vehicle_id).summary())
+
+
+@router.get("/{vehicle_id}/state")
+async def get_state(vehicle_id: str, station: TheStation) -> dict[str, Any]:
+    """Where a vehicle is, with its uncertainty; the fields of the stream's ``state`` message."""
+    state = station.vehicle(vehicle_id).state_message()
+    if state is None:
+        raise NoStateYetError(vehicle_id)
+    return state
+
+
+@router.get("/{vehicle_id}/tracks")
+async def get_tracks(
+    vehicle_id: str, station: TheStation, source: TrackSource | None = None,
+    since_us: Annotated[int, Query(ge=0)] = 0,
+) -> TrackCollection:  # fmt: skip
+    """Where a vehicle was in the last hour, after ``since_us``; all sources when none is named."""
+    vehicle = station.vehicle(vehicle_id)
+    sources = (source,) if source else ("gps", "vision")
+    return TrackCollection(features=[piece for name in sources for piece in _pieces(vehicle, name, since_us)])
+
+
+@router.post("/{vehicle_id}/navigation")
+async def set_navigation(vehicle_id: str, body: NavigationBody, station: TheStation) -> NavigationBody:
+    """Keep GPS from the estimator, or give it back."""
+    station.deny_gps(vehicle_id, body.gps_denied)
+    return body
+
+
+@router.post("/{vehicle_id}/commands", status_code=202)
+async def send_command(vehicle_id: str, body: CommandBody, station: TheStation) -> CommandAccepted:
+    """Send a command; how it ended follows as an ``ack`` message on the stream."""
+    return CommandAccepted(command_id=station.command(vehicle_id, body))
+
+
+def _pieces(vehicle: VehicleView, source: str, since_us: int) -> list[TrackFeature]:
+    # There is one estimate; what it is made of, the mode says.
+    ring = vehicle.tracks["vision" if source == "fused" else source]
+    return [
+        TrackFeature(
+            geometry=TrackGeometry(coordinates=[[p.lon_deg, p.lat_deg, p.alt_amsl_m] for p in piece]),
+            properties=TrackProperties(
+                source=source, vehicle_id=vehicle.id, epoch=piece[0].epoch, times_unix_us=[p.t_us for p in piece]
+            ),
+        )
+        for piece in ring.pieces(since_us)
+        if len(piece) > 1  # RFC 7946: a LineString has two positions or more
+    ]

@@ -1,0 +1,1 @@
+"""Vehicles as the station knows them."""

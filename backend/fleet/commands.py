@@ -1,0 +1,83 @@
+"""The operator's commands in MAVLink's words."""
+
+from __future__ import annotations
+
+import math
+
+from backend.errors import CommandRefusedError, InvalidRequestError
+from backend.fleet.vehicle import LiveVehicle
+from backend.link.commands import CommandStep
+from backend.link.events import Autopilot, VehicleType
+from backend.link.link import VehicleLink
+from backend.link.modes import mode_numbers
+from backend.schemas.vehicles import CommandBody
+
+NAV_RETURN_TO_LAUNCH = 20
+NAV_LAND = 21
+NAV_TAKEOFF = 22
+DO_SET_MODE = 176
+DO_REPOSITION = 192
+COMPONENT_ARM_DISARM = 400
+INJECT_FAILURE = 420
+
+CUSTOM_MODE_ENABLED = 1
+FRAME_GLOBAL_RELATIVE_ALT = 6
+REPOSITION_CHANGES_MODE = 1
+FAILURE_UNIT_GPS = 4
+FAILURE_OF_WORD = {"ok": 0, "off": 1}
+DEFAULT_TAKEOFF_M = 30.0
+
+NAN = math.nan
+
+
+def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody) -> int:
+    """Queue a command on a link; returns the link's id of it.
+
+    Raises
+    ------
+    CommandRefusedError
+        The vehicle cannot be given this command.
+    InvalidRequestError
+        The command lacks what it needs.
+    """
+    try:
+        return link.command(vehicle.system_id, steps_of(body, vehicle.autopilot, vehicle.vehicle_type))
+    except LookupError as error:
+        raise CommandRefusedError(str(error)) from None
+
+
+def steps_of(body: CommandBody, autopilot: Autopilot, kind: VehicleType) -> list[CommandStep]:
+    """The MAVLink commands of one operator's command, in order."""
+    match body.command:
+        case "arm":
+            return [CommandStep(COMPONENT_ARM_DISARM, (1.0,))]
+        case "disarm":
+            return [CommandStep(COMPONENT_ARM_DISARM, (0.0,))]
+        case "takeoff":
+            height_m = DEFAULT_TAKEOFF_M if body.alt_rel_m is None else body.alt_rel_m
+            takeoff = CommandStep(NAV_TAKEOFF, (0.0, 0.0, 0.0, NAN, 0.0, 0.0, height_m))
+            return [_mode("GUIDED", autopilot, kind), takeoff] if autopilot is Autopilot.ARDUPILOT else [takeoff]
+        case "hold":
+            return [_mode("AUTO LOITER" if autopilot is Autopilot.PX4 else "LOITER", autopilot, kind)]
+        case "return":
+            return [CommandStep(NAV_RETURN_TO_LAUNCH)]
+        case "land":
+            return [CommandStep(NAV_LAND, (0.0, 0.0, 0.0, NAN, 0.0, 0.0, 0.0))]
+        case "goto":
+            if body.lat_deg is None or body.lon_deg is None or body.alt_rel_m is None:
+                raise InvalidRequestError("goto needs lat_deg, lon_deg and alt_rel_m")
+            place = (body.lat_deg * 1e7, body.lon_deg * 1e7, body.alt_rel_m)
+            params = (-1.0, float(REPOSITION_CHANGES_MODE), 0.0, NAN, *place)
+            return [CommandStep(DO_REPOSITION, params, FRAME_GLOBAL_RELATIVE_ALT)]
+        case "inject_failure":
+            if body.unit != "gps" or body.failure is None:
+                raise InvalidRequestError("inject_failure needs unit 'gps' and failure 'off' or 'ok'")
+            return [CommandStep(INJECT_FAILURE, (float(FAILURE_UNIT_GPS), float(FAILURE_OF_WORD[body.failure])))]
+
+
+def _mode(name: str, autopilot: Autopilot, kind: VehicleType) -> CommandStep:
+    try:
+        numbers = mode_numbers(autopilot, kind, name)
+    except ValueError as error:
+        raise CommandRefusedError(str(error)) from None
+    return CommandStep(DO_SET_MODE, (float(CUSTOM_MODE_ENABLED), float(numbers.main), float(numbers.sub)))

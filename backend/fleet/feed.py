@@ -1,0 +1,37 @@
+"""What a video source looks like to the API, live or replayed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from backend.fleet.viewers import Audience
+
+
+@dataclass(frozen=True, slots=True)
+class FrameIdentity:
+    """When a frame was exposed, and its size."""
+
+    frame_id: int
+    t_us: int
+    width_px: int
+    height_px: int
+
+
+class VideoFeed(Protocol):
+    """A video source."""
+
+    audience: Audience
+    jpeg_audience: Audience
+
+    @property
+    def source(self) -> str: ...
+    @property
+    def vehicle_id(self) -> str: ...
+    def identify(self, frame_id: int) -> FrameIdentity:
+        """A frame that is still held; FrameGoneError for others."""
+
+    async def jpeg(self, frame_id: int) -> bytes:
+        """A frame that is still held, as JPEG; FrameGoneError for others."""
+
+    def video_message(self) -> dict[str, Any]: ...

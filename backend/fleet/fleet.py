@@ -1,0 +1,181 @@
+"""All vehicles heard on all links: folds link events into them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from backend.fleet.vehicle import LiveVehicle, gps_reading, place_of_gnss
+from backend.link.events import (
+    CommandResult,
+    LinkEvent,
+    LinkStats,
+    SampleEvent,
+    StatusText,
+    TelemetryBattery,
+    TelemetryGps,
+    TelemetryHeartbeat,
+    TelemetryPosition,
+    TelemetrySpeed,
+    VehicleAppeared,
+    VehicleLost,
+    VehicleRebooted,
+    VehicleReturned,
+)
+from backend.navigation.setup import Place
+from backend.navigation.worker import StateUpdate
+from estimator.types import FixReport, GnssSample
+
+MAV_SEVERITY_WARNING = 4
+MAV_SEVERITY_ERROR = 3
+
+
+class Fleet:
+    """Vehicles by id. Each belongs to the endpoint that it was last alive on.
+
+    What has to be told to others goes to ``say(kind, **fields)``; a vehicle whose estimator can be set up, now that it
+    is known where it is, goes to ``on_place``.
+    """
+
+    def __init__(
+        self, delay_us: int, say: Callable[..., None],
+        on_place: Callable[[LiveVehicle, Place], None],
+        on_state: Callable[[LiveVehicle, StateUpdate], None],
+        on_reports: Callable[[LiveVehicle, list[FixReport]], None],
+    ) -> None:  # fmt: skip
+        self.vehicles: dict[str, LiveVehicle] = {}
+        self.link_stats: dict[str, dict[str, Any]] = {}
+        self._delay_us = delay_us
+        self._say = say
+        self._on_place = on_place
+        self._on_state = on_state
+        self._on_reports = on_reports
+        self._commands: dict[tuple[str, int], tuple[str, str]] = {}
+
+    def take(self, endpoint: str, event: LinkEvent) -> None:
+        """Fold one event of a link."""
+        if isinstance(event, VehicleAppeared):
+            self._appeared(endpoint, event)
+            return
+        vehicle = self.vehicles.get(str(event.system_id))
+        if vehicle is None:
+            return
+        if vehicle.endpoint != endpoint:
+            # The same vehicle on two links: the second one is a spare, and takes over when the first falls silent.
+            if vehicle.connected or not isinstance(event, TelemetryHeartbeat | VehicleReturned):
+                return
+            vehicle.endpoint = endpoint
+            vehicle.connected = True
+        self._fold(vehicle, endpoint, event)
+
+    def note_command(self, endpoint: str, link_command_id: int, command_id: str, command: str) -> None:
+        """Remember under which id the answer to a command is to be told."""
+        self._commands[(endpoint, link_command_id)] = (command_id, command)
+
+    def close(self) -> None:
+        """End all estimators."""
+        for vehicle in self.vehicles.values():
+            vehicle.stop_navigation()
+
+    def _appeared(self, endpoint: str, event: VehicleAppeared) -> None:
+        key = str(event.system_id)
+        known = self.vehicles.get(key)
+        if known is not None:
+            if not known.connected:
+                known.endpoint, known.connected = endpoint, True
+            return
+        vehicle = LiveVehicle(event.system_id, endpoint, self._delay_us, self._on_state, self._on_reports)
+        vehicle.telemetry = replace(vehicle.telemetry, vehicle_type=str(event.vehicle_type))
+        vehicle.autopilot, vehicle.vehicle_type = event.autopilot, event.vehicle_type
+        vehicle.last_heartbeat_us = event.t_us
+        self.vehicles[key] = vehicle
+        self._say("vehicle", action="created", vehicle=vehicle.summary())
+
+    def _fold(self, vehicle: LiveVehicle, endpoint: str, event: LinkEvent) -> None:
+        match event:
+            case SampleEvent(sample=sample):
+                vehicle.offer(sample)
+                if vehicle.setup is None:
+                    self._place(vehicle, event)
+            case TelemetryHeartbeat():
+                vehicle.last_heartbeat_us = event.t_us
+                vehicle.autopilot, vehicle.vehicle_type = event.autopilot, event.vehicle_type
+                vehicle.telemetry = replace(
+                    vehicle.telemetry, vehicle_type=str(event.vehicle_type), armed=event.armed,
+                    flight_mode=event.mode, simulated=event.simulated,
+                )  # fmt: skip
+            case TelemetryBattery():
+                vehicle.telemetry = replace(
+                    vehicle.telemetry, battery_v=event.voltage_v, battery_pct=event.remaining_pct
+                )
+            case TelemetrySpeed():
+                vehicle.telemetry = replace(vehicle.telemetry, airspeed_m_s=event.airspeed_m_s)
+            case TelemetryGps():
+                vehicle.take_gps(gps_reading(event))
+                fields = vehicle.gps_message()
+                if fields is not None:
+                    self._say("gps", **fields)
+            case TelemetryPosition():
+                vehicle.relative_alt_m = event.alt_rel_m
+            case VehicleLost():
+                vehicle.connected = False
+                self._say("vehicle", action="updated", vehicle=vehicle.summary())
+            case VehicleReturned():
+                vehicle.connected = True
+                self._say("vehicle", action="updated", vehicle=vehicle.summary())
+            case VehicleRebooted():
+                # The estimate of the time before the reboot means nothing to the samples after it.
+                if vehicle.setup is not None:
+                    vehicle.navigate(vehicle.setup)
+            case LinkStats():
+                self.link_stats[vehicle.id] = _stats(vehicle, endpoint, event)
+                self._say("link", **self.link_stats[vehicle.id])
+            case CommandResult():
+                self._acknowledge(vehicle, endpoint, event)
+            case StatusText():
+                self._say("alarm", **_text_alarm(vehicle, event))
+            case _:
+                pass
+
+    def _place(self, vehicle: LiveVehicle, event: SampleEvent) -> None:
+        here = vehicle.here()
+        if here is None and isinstance(event.sample, GnssSample) and vehicle.relative_alt_m is not None:
+            here = place_of_gnss(event.sample, vehicle.relative_alt_m)
+        if here is not None:
+            self._on_place(vehicle, here)
+
+    def _acknowledge(self, vehicle: LiveVehicle, endpoint: str, event: CommandResult) -> None:
+        known = self._commands.get((endpoint, event.command_id))
+        if known is None:
+            return
+        if event.final:
+            del self._commands[(endpoint, event.command_id)]
+        command_id, command = known
+        self._say(
+            "ack", command_id=command_id, vehicle_id=vehicle.id, command=command, status=str(event.status),
+            text=event.text,
+        )  # fmt: skip
+
+
+def _stats(vehicle: LiveVehicle, endpoint: str, event: LinkStats) -> dict[str, Any]:
+    return {
+        "vehicle_id": vehicle.id, "connected": event.connected, "heartbeat_age_s": event.heartbeat_age_s,
+        "messages_per_s": event.messages_per_s, "bytes_per_s": event.bytes_per_s, "loss_pct": event.loss_pct,
+        "noise_bytes": event.noise_bytes, "signed": event.signed_packets > 0, "endpoint": endpoint,
+        "version": event.version, "round_trip_ms": event.round_trip_ms, "rates_hz": dict(event.rates_hz),
+        "rejected": dict(event.rejected),
+    }  # fmt: skip
+
+
+def _text_alarm(vehicle: LiveVehicle, event: StatusText) -> dict[str, Any]:
+    """A vehicle's own words as a passing alarm: it is told, and does not stand."""
+    severity = "info"
+    if event.severity <= MAV_SEVERITY_ERROR:
+        severity = "warning"
+    elif event.severity <= MAV_SEVERITY_WARNING:
+        severity = "caution"
+    return {
+        "id": f"text:{vehicle.id}:{event.t_us}", "vehicle_id": vehicle.id, "severity": severity,
+        "code": "vehicle_text", "text": event.text, "active": False, "since_unix_us": event.t_us,
+    }  # fmt: skip

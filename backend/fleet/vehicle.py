@@ -1,0 +1,261 @@
+"""One live vehicle: what its link said, its estimator, its tracks."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from backend.fleet.messages import state_fields
+from backend.fleet.tracks import TrackPoint, TrackRing
+from backend.link.events import Autopilot, TelemetryGps, VehicleType
+from backend.navigation.setup import NavigationSetup, Place
+from backend.navigation.worker import NavigationWorker, StateUpdate
+from estimator.types import FixReport, FrameSample, GnssSample, HomeSample, NavigationState, Sample
+
+TrackSource = Literal["gps", "vision", "fused"]
+GPS_USED_FOR_US = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """What a vehicle says about itself; None where it has not said it."""
+
+    vehicle_type: str | None = None
+    simulated: bool = False
+    armed: bool = False
+    flight_mode: str | None = None
+    battery_pct: float | None = None
+    battery_v: float | None = None
+    airspeed_m_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GpsReading:
+    """The receiver's last report; the position is None without a fix."""
+
+    t_us: int
+    fix_type: int
+    satellites: int | None
+    lat_deg: float | None = None
+    lon_deg: float | None = None
+    alt_amsl_m: float | None = None
+    std_horizontal_m: float | None = None
+
+    @property
+    def has_fix(self) -> bool:
+        """Whether the receiver claims a position in three dimensions."""
+        return self.fix_type >= 3 and self.lat_deg is not None
+
+
+class VehicleView(Protocol):
+    """What the API shows of a vehicle, live or replayed."""
+
+    id: str
+    tracks: dict[str, TrackRing]
+
+    @property
+    def video_source(self) -> str | None: ...
+    def summary(self) -> dict[str, Any]: ...
+    def state_message(self) -> dict[str, Any] | None: ...
+    async def state_at(self, t_us: int) -> NavigationState | None: ...
+    @property
+    def setup(self) -> NavigationSetup | None: ...
+
+
+class LiveVehicle:
+    """A vehicle heard on a link. Lives on the event loop; its estimator has a thread of its own.
+
+    ``on_state`` and ``on_reports`` are called on the event loop.
+    """
+
+    def __init__(
+        self, system_id: int, endpoint: str, delay_us: int,
+        on_state: Callable[[LiveVehicle, StateUpdate], None],
+        on_reports: Callable[[LiveVehicle, list[FixReport]], None],
+    ) -> None:  # fmt: skip
+        self.id = str(system_id)
+        self.system_id = system_id
+        self.endpoint = endpoint
+        self.autopilot = Autopilot.OTHER
+        self.vehicle_type = VehicleType.OTHER
+        self.connected = True
+        self.last_heartbeat_us = 0
+        self.telemetry = Telemetry()
+        self.gps: GpsReading | None = None
+        self.home: HomeSample | None = None
+        self.relative_alt_m: float | None = None
+        self.tracks = {"gps": TrackRing(), "vision": TrackRing()}
+        self.latest: StateUpdate | None = None
+        self.worker: NavigationWorker | None = None
+        self.last_fix_us: int | None = None
+        self._setup: NavigationSetup | None = None
+        self._delay_us = delay_us
+        self._on_state = on_state
+        self._on_reports = on_reports
+        self._gps_denied = False
+        self._epoch = 0
+
+    @property
+    def video_source(self) -> str | None:
+        """The id of the vehicle's camera."""
+        return f"cam-{self.id}"
+
+    @property
+    def setup(self) -> NavigationSetup | None:
+        """What the estimator is built from, None before that is known."""
+        return self._setup
+
+    @property
+    def gps_denied(self) -> bool:
+        """Whether GPS is kept from the estimator."""
+        return self._gps_denied
+
+    def deny_gps(self, denied: bool) -> None:
+        """Keep GPS from the estimator, or give it back."""
+        self._gps_denied = denied
+        if self.worker is not None:
+            self.worker.deny_gps(denied)
+
+    def here(self) -> Place | None:
+        """Where the vehicle roughly is, at the height of the ground as far as that is known; None before a fix."""
+        if self.home is not None:
+            return Place(self.home.lat_rad, self.home.lon_rad, self.home.alt_amsl_m)
+        return None
+
+    def navigate(self, setup: NavigationSetup) -> None:
+        """Start the estimator, or start it anew with another setup."""
+        self.stop_navigation()
+        self._setup = setup
+        loop = asyncio.get_running_loop()
+        worker = NavigationWorker(
+            self.id, setup.navigator, delay_us=self._delay_us,
+            on_state=lambda update: _from_thread(loop, self._take_state, update),
+            on_reports=lambda reports: _from_thread(loop, self._take_reports, reports),
+            gps_denied=self._gps_denied, first_epoch=self._epoch + 1,
+        )  # fmt: skip
+        self.worker = worker
+        worker.start()
+        if self.home is not None:
+            worker.offer(self.home)
+
+    def stop_navigation(self) -> None:
+        """End the estimator's thread."""
+        if self.worker is not None:
+            self._epoch = self.worker.epoch
+            self.worker.close()
+            self.worker = None
+
+    def offer(self, sample: Sample) -> None:
+        """Take a sample of the link or the video."""
+        if isinstance(sample, HomeSample):
+            self.home = sample
+        if isinstance(sample, FrameSample) and (self._setup is None or not self._setup.has_camera):
+            return
+        if self.worker is not None:
+            self.worker.offer(sample)
+
+    def take_gps(self, reading: GpsReading) -> None:
+        """Take the receiver's report, for display and the GPS track."""
+        self.gps = reading
+        if reading.has_fix and reading.lat_deg is not None and reading.lon_deg is not None:
+            point = TrackPoint(reading.t_us, 1, reading.lat_deg, reading.lon_deg, reading.alt_amsl_m or 0.0)
+            self.tracks["gps"].add(point)
+
+    async def state_at(self, t_us: int) -> NavigationState | None:
+        """The state at a time, None when it is not known."""
+        if self.worker is None:
+            return None
+        try:
+            return await asyncio.wrap_future(self.worker.state_at(t_us))
+        except asyncio.CancelledError:
+            # The worker was stopped under the question; a cancelled task of our own still ends here.
+            task = asyncio.current_task()
+            if task is not None and task.cancelling():
+                raise
+            return None
+
+    def state_message(self) -> dict[str, Any] | None:
+        """Fields of the ``state`` message, None before the estimator has a state."""
+        if self.latest is None:
+            return None
+        update = self.latest
+        return {"vehicle_id": self.id, **state_fields(update.state, update.epoch, self._gps_denied, self._setup)}
+
+    def gps_message(self) -> dict[str, Any] | None:
+        """Fields of the ``gps`` message, None before the receiver said anything."""
+        if self.gps is None:
+            return None
+        gps = self.gps
+        used = gps.has_fix and not self._gps_denied and self.worker is not None
+        return {
+            "vehicle_id": self.id, "lat_deg": gps.lat_deg, "lon_deg": gps.lon_deg, "alt_amsl_m": gps.alt_amsl_m,
+            "fix_type": gps.fix_type, "satellites": gps.satellites, "std_horizontal_m": gps.std_horizontal_m,
+            "used": used, "t_gps_unix_us": gps.t_us,
+        }  # fmt: skip
+
+    def telemetry_message(self) -> dict[str, Any]:
+        """Fields of the ``telemetry`` message."""
+        said = self.telemetry
+        return {
+            "vehicle_id": self.id, "vehicle_type": said.vehicle_type, "simulated": said.simulated,
+            "armed": said.armed, "flight_mode": said.flight_mode, "battery_pct": said.battery_pct,
+            "battery_v": said.battery_v, "airspeed_m_s": said.airspeed_m_s,
+        }  # fmt: skip
+
+    def summary(self) -> dict[str, Any]:
+        """What lists of vehicles show."""
+        mode = None if self.latest is None else str(self.latest.state.mode)
+        return {
+            "id": self.id, "vehicle_type": self.telemetry.vehicle_type, "simulated": self.telemetry.simulated,
+            "connected": self.connected, "replay": False, "endpoint": self.endpoint,
+            "video_source": self.video_source, "gps_denied": self._gps_denied, "mode": mode,
+            "map_id": None if self._setup is None else self._setup.map_id,
+        }  # fmt: skip
+
+    def waiting_for(self) -> list[str]:
+        """What this vehicle's estimator still needs."""
+        if self.worker is None:
+            return [f"vehicle {self.id}: its home position or a GPS fix, to place the local frame"]
+        if self.worker.failure is not None:
+            return [f"vehicle {self.id}: the estimator to recover from: {self.worker.failure}"]
+        if self.worker.waiting_for is not None:
+            return [f"vehicle {self.id}: {self.worker.waiting_for}"]
+        return []
+
+    def _take_state(self, update: StateUpdate) -> None:
+        self.latest = update
+        state = update.state
+        point = TrackPoint(
+            state.t_us, update.epoch, math.degrees(state.lat_rad), math.degrees(state.lon_rad), state.alt_amsl_m
+        )
+        self.tracks["vision"].add(point)
+        self._on_state(self, update)
+
+    def _take_reports(self, reports: list[FixReport]) -> None:
+        for report in reports:
+            if report.accepted:
+                self.last_fix_us = report.t_us
+        self._on_reports(self, reports)
+
+
+def gps_reading(event: TelemetryGps) -> GpsReading:
+    """The receiver's report in degrees."""
+    lat_deg = None if event.lat_rad is None else math.degrees(event.lat_rad)
+    lon_deg = None if event.lon_rad is None else math.degrees(event.lon_rad)
+    return GpsReading(
+        event.t_us, event.fix_type, event.satellites, lat_deg, lon_deg, event.alt_amsl_m, event.std_horizontal_m
+    )
+
+
+def place_of_gnss(sample: GnssSample, relative_alt_m: float | None) -> Place:
+    """Where a fix lies, with the ground's height guessed from the height above home."""
+    return Place(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m - (relative_alt_m or 0.0))
+
+
+def _from_thread(loop: asyncio.AbstractEventLoop, call: Callable[[Any], None], value: object) -> None:
+    # At the very end the loop may be closed while the thread still hands out its last state.
+    if not loop.is_closed():
+        loop.call_soon_threadsafe(call, value)

@@ -1,0 +1,115 @@
+"""One place where the station says what happened, and mailboxes for those who listen.
+
+A message is turned into text once, however many listen. A mailbox keeps what must not be lost in order, keeps only the
+latest of what may be coalesced, and is given up when its owner reads too slowly. Runs on the event loop only.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+import orjson
+
+from backend.clock import unix_us
+
+# Of these only the latest of each vehicle or source matters to a slow reader.
+COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting"})
+MAILBOX_MESSAGES = 2000
+MAILBOX_BYTES = 4_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message as text, and the key under which a newer one replaces it (None: never)."""
+
+    text: str
+    key: str | None
+
+
+class Mailbox:
+    """What one listener has not yet read."""
+
+    def __init__(self, max_messages: int = MAILBOX_MESSAGES, max_bytes: int = MAILBOX_BYTES) -> None:
+        self._waiting: OrderedDict[object, Message] = OrderedDict()
+        self._bytes = 0
+        self._max_messages = max_messages
+        self._max_bytes = max_bytes
+        self._ready = asyncio.Event()
+        self.given_up = asyncio.Event()
+        self.coalesced = 0
+
+    @property
+    def overflowed(self) -> bool:
+        """Whether the owner read too slowly; then nothing more comes."""
+        return self.given_up.is_set()
+
+    def put(self, message: Message) -> None:
+        """Keep a message; after an overflow nothing is kept any more."""
+        if self.overflowed:
+            return
+        key: object = message.key if message.key is not None else object()
+        replaced = self._waiting.pop(key, None)
+        if replaced is not None:
+            self._bytes -= len(replaced.text)
+            self.coalesced += 1
+        self._waiting[key] = message
+        self._bytes += len(message.text)
+        if len(self._waiting) > self._max_messages or self._bytes > self._max_bytes:
+            self.given_up.set()
+            self._waiting.clear()
+            self._bytes = 0
+        self._ready.set()
+
+    async def take(self) -> list[str]:
+        """All waiting messages, oldest first; waits until there is one."""
+        await self._ready.wait()
+        texts = [message.text for message in self._waiting.values()]
+        self._waiting.clear()
+        self._bytes = 0
+        self._ready.clear()
+        return texts
+
+
+class Hub:
+    """Hands every published message to every mailbox."""
+
+    def __init__(self) -> None:
+        self._mailboxes: set[Mailbox] = set()
+        self._seq = 0
+
+    @property
+    def listeners(self) -> int:
+        """How many mailboxes are open."""
+        return len(self._mailboxes)
+
+    def message(self, kind: str, **fields: Any) -> Message:
+        """A numbered message; NaN and infinity become null."""
+        self._seq += 1
+        body = {"type": kind, "seq": self._seq, "t_unix_us": unix_us(), **fields}
+        text = orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS).decode()
+        key = None
+        if kind in COALESCED:
+            key = f"{kind}/{fields.get('vehicle_id', '')}/{fields.get('source', '')}/{fields.get('accepted', '')}"
+        return Message(text, key)
+
+    def publish(self, kind: str, **fields: Any) -> None:
+        """Say something to everybody who listens."""
+        if not self._mailboxes:
+            self._seq += 1
+            return
+        message = self.message(kind, **fields)
+        for mailbox in self._mailboxes:
+            mailbox.put(message)
+
+    def open(self) -> Mailbox:
+        """A mailbox that from now on receives everything."""
+        mailbox = Mailbox()
+        self._mailboxes.add(mailbox)
+        return mailbox
+
+    def close(self, mailbox: Mailbox) -> None:
+        """Stop filling a mailbox."""
+        self._mailboxes.discard(mailbox)

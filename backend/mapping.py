@@ -1,0 +1,140 @@
+"""The station's maps: the library, its tiles, and which of them a vehicle's estimator uses."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections import OrderedDict
+from pathlib import Path
+
+from backend.errors import StartError
+from backend.navigation.setup import MapFiles, Place
+from backend.schemas.vehicles import MapBody, MapBounds
+from geodata.errors import GeodataError, MapNotFoundError
+from geodata.maps import MapKind, MapLibrary, MapRecord
+from geodata.tiles import MapTiles
+
+OPEN_TILE_SOURCES = 8
+
+
+class StationMaps:
+    """Maps for the console and for estimators. ``chosen`` is a map id or a file that ``--map`` named."""
+
+    def __init__(self, folder: Path) -> None:
+        self.library = MapLibrary(folder)
+        self.chosen: str | None = None
+        self._tiles: OrderedDict[str, MapTiles] = OrderedDict()
+        self._records: dict[str, MapRecord] = {}
+
+    async def choose(self, given: str | None) -> None:
+        """Use the map that ``--map`` names, by id or by name, or import the file it names.
+
+        Raises
+        ------
+        StartError
+            It is neither, or the file is no usable map.
+        """
+        await self.refresh()
+        if given is None:
+            return
+        for record in self._records.values():
+            if given in (record.id, record.name):
+                self.chosen = record.id
+                return
+        if not Path(given).exists():
+            raise StartError(f"--map '{given}' is neither a file nor a map of the library; see 'pilotage map list'")
+        try:
+            record = await asyncio.to_thread(self.library.import_file, Path(given))
+        except GeodataError as error:
+            raise StartError(f"--map: {error}") from None
+        self._records[record.id] = record
+        self.chosen = record.id
+
+    async def refresh(self) -> None:
+        """Look at the library again; other processes import into it too."""
+        records = await asyncio.to_thread(self.library.list)
+        self._records = {record.id: record for record in records}
+
+    async def import_file(self, path: Path, name: str | None, kind: MapKind | None) -> MapRecord:
+        """Import a file; a GeodataError says what is wrong with it."""
+        record = await asyncio.to_thread(self.library.import_file, path, name, kind)
+        self._records[record.id] = record
+        return record
+
+    async def delete(self, map_id: str) -> None:
+        """Remove a map from the library."""
+        await asyncio.to_thread(self.library.delete, map_id)
+        self._records.pop(map_id, None)
+        tiles = self._tiles.pop(map_id, None)
+        if tiles is not None:
+            tiles.close()
+
+    def bodies(self) -> list[MapBody]:
+        """All maps, as the API shows them."""
+        return [body_of_map(record) for record in sorted(self._records.values(), key=lambda r: (r.name.lower(), r.id))]
+
+    def body(self, map_id: str) -> MapBody:
+        """One map, as the API shows it."""
+        if map_id not in self._records:
+            raise MapNotFoundError(map_id)
+        return body_of_map(self._records[map_id])
+
+    async def tile(self, map_id: str, z: int, x: int, y: int) -> bytes:
+        """One picture tile as PNG."""
+        if map_id not in self._records:
+            await self.refresh()
+        if map_id not in self._records:
+            raise MapNotFoundError(map_id)
+        tiles = self._tiles.get(map_id)
+        if tiles is None:
+            tiles = await asyncio.to_thread(MapTiles, self.library.raster_path(map_id))
+            tiles = self._tiles.setdefault(map_id, tiles)
+            while len(self._tiles) > OPEN_TILE_SOURCES:
+                self._tiles.popitem(last=False)[1].close()
+        self._tiles.move_to_end(map_id)
+        return await asyncio.to_thread(tiles.tile, z, x, y)
+
+    def files_for(self, here: Place) -> MapFiles:
+        """The imagery and elevation for a place: the chosen map, else the finest imagery that covers the place."""
+        imagery = self._records.get(self.chosen) if self.chosen else None
+        if imagery is None or imagery.kind != "imagery":
+            imagery = self._finest("imagery", here)
+        elevation = self._finest("elevation", here)
+        bounds = None
+        if imagery is not None:
+            box = imagery.bounds
+            bounds = (box.south_deg, box.west_deg, box.north_deg, box.east_deg)
+        return MapFiles(
+            None if imagery is None else imagery.id,
+            None if imagery is None else self.library.raster_path(imagery.id),
+            None if elevation is None else self.library.raster_path(elevation.id),
+            bounds,
+        )
+
+    def close(self) -> None:
+        """Release all files."""
+        for tiles in self._tiles.values():
+            tiles.close()
+        self._tiles.clear()
+
+    def _finest(self, kind: str, here: Place) -> MapRecord | None:
+        lat_deg, lon_deg = math.degrees(here.lat_rad), math.degrees(here.lon_rad)
+        covering = [
+            record for record in self._records.values()
+            if record.kind == kind
+            and record.bounds.south_deg <= lat_deg <= record.bounds.north_deg
+            and 0.0 <= (lon_deg - record.bounds.west_deg) % 360.0 <= record.bounds.east_deg - record.bounds.west_deg
+        ]  # fmt: skip
+        return min(covering, key=lambda record: (record.gsd_m, -record.imported_unix_us), default=None)
+
+
+def body_of_map(record: MapRecord) -> MapBody:
+    """A map, as the API shows it."""
+    box = record.bounds
+    return MapBody(
+        id=record.id, name=record.name, kind=record.kind, gsd_m=record.gsd_m,
+        bounds=MapBounds(
+            south_deg=box.south_deg, west_deg=box.west_deg, north_deg=box.north_deg, east_deg=box.east_deg
+        ),
+        crs=record.crs, bands=record.bands, size=[record.width_px, record.height_px], source_file=record.source_file,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Feeds the estimator: one worker thread for each vehicle."""

@@ -1,0 +1,179 @@
+"""What a vehicle's estimator is built from: camera, map, ground, local frame."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from backend.errors import StartError
+from backend.settings import describe_validation
+from estimator.geometry.camera import Camera, Mount
+from estimator.geometry.local import LocalFrame
+from estimator.navigator import Navigator, NavigatorConfig
+from estimator.ports import GroundModel, ReferenceMap
+from geodata.elevation import ElevationGrid, FlatGround
+from geodata.flight_meta import CameraMeta, FlightMeta, MapMeta, VehicleMeta
+from geodata.imagery import NeBounds, ReferenceImagery
+
+MAX_REFERENCE_PIXELS = 64_000_000
+REACH_M = 6_000.0  # how far from the local frame's origin a large map is read
+FLAT_GROUND_STD_M = 10.0
+TERRAIN_STD_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class CameraProfile:
+    """What ``--camera`` says: the camera with its mount, and the map section if the file has one."""
+
+    camera: CameraMeta
+    map: MapMeta
+    vehicle: VehicleMeta | None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A position that is known roughly."""
+
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NavigationSetup:
+    """Everything a Navigator is built from, shared with whoever turns its states into coordinates.
+
+    ``has_camera`` is False when the camera is a stand-in: then no picture may be offered.
+    """
+
+    camera: Camera
+    mount: Mount
+    gimbal: str
+    has_camera: bool
+    frame: LocalFrame
+    reference: ReferenceMap | None
+    ground: GroundModel
+    ground_std_m: float
+    map_id: str | None
+
+    def navigator(self) -> Navigator:
+        """A fresh Navigator."""
+        return Navigator(
+            NavigatorConfig(), self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground
+        )
+
+
+def read_camera_profile(path: Path) -> CameraProfile:
+    """Read a camera file: a whole ``flight.json``, an object with its ``camera`` section, or that section alone.
+
+    Raises
+    ------
+    StartError
+        The file cannot be read or is not such a thing.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise StartError(f"camera file '{path}' cannot be read: {error.strerror or error}") from None
+    except ValueError as error:
+        raise StartError(f"camera file '{path}' is not JSON: {error}") from None
+    if not isinstance(data, dict):
+        raise StartError(f"camera file '{path}' holds no JSON object")
+    section = data if "width_px" in data else data.get("camera")
+    try:
+        camera = CameraMeta.model_validate(section)
+        map_meta = MapMeta.model_validate(data.get("map") or {})
+        vehicle = VehicleMeta.model_validate(data["vehicle"]) if data.get("vehicle") else None
+    except ValidationError as error:
+        raise StartError(
+            f"camera file '{path}': {describe_validation(error)}; it needs the 'camera' section of a flight.json"
+        ) from None
+    return CameraProfile(camera, map_meta, vehicle)
+
+
+def profile_of_flight(meta: FlightMeta) -> CameraProfile | None:
+    """The camera profile of a flight folder, None when it has no camera."""
+    return None if meta.camera is None else CameraProfile(meta.camera, meta.map, meta.vehicle)
+
+
+def camera_of(meta: CameraMeta) -> Camera:
+    """The pinhole of a camera section."""
+    return Camera(meta.width_px, meta.height_px, meta.fx_px, meta.fy_px, meta.cx_px, meta.cy_px, tuple(meta.distortion))
+
+
+def mount_of(meta: CameraMeta) -> Mount:
+    """The mount of a camera section."""
+    mount = meta.mount
+    return Mount(
+        math.radians(mount.roll_deg), math.radians(mount.pitch_deg), math.radians(mount.yaw_deg),
+        np.array(mount.lever_arm_frd_m, dtype=np.float64),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class MapFiles:
+    """Files of the reference imagery and elevation to use, and where the imagery lies (degrees, south west north east)."""
+
+    map_id: str | None
+    reference: Path | None
+    elevation: Path | None
+    bounds_deg: tuple[float, float, float, float] | None
+
+
+def build_setup(
+    profile: CameraProfile | None, maps: MapFiles, here: Place, video_size_px: tuple[int, int] | None = None
+) -> NavigationSetup:
+    """Read the map about a place and put everything together. Takes seconds for a large map: not for the event loop.
+
+    ``here`` is where the vehicle is or was; its altitude is taken for the ground's where nothing better is known.
+    """
+    frame = _frame(maps.bounds_deg, here)
+    reference = None
+    if maps.reference is not None:
+        reference = _reference(maps.reference, frame, profile.map.offset_ne_m if profile else (0.0, 0.0))
+    ground: GroundModel
+    if maps.elevation is not None:
+        ground, ground_std_m = ElevationGrid.open(maps.elevation, frame), TERRAIN_STD_M
+    else:
+        known = profile.map.ground_alt_amsl_m if profile else None
+        ground, ground_std_m = FlatGround(here.alt_amsl_m if known is None else known), FLAT_GROUND_STD_M
+    if profile is not None:
+        camera, mount, gimbal = camera_of(profile.camera), mount_of(profile.camera), profile.camera.gimbal
+    else:
+        width_px, height_px = video_size_px or (640, 480)
+        camera = Camera.from_hfov(width_px, height_px, math.radians(60.0))
+        mount, gimbal = Mount(0.0, -math.pi / 2, 0.0, np.zeros(3)), "fixed"
+    return NavigationSetup(
+        camera, mount, str(gimbal), profile is not None, frame, reference, ground, ground_std_m, maps.map_id
+    )
+
+
+def _frame(bounds_deg: Sequence[float] | None, here: Place) -> LocalFrame:
+    if bounds_deg is not None:
+        south, west, north, east = bounds_deg
+        lat_rad, lon_rad = math.radians((south + north) / 2), math.radians((west + east) / 2)
+        half_m = math.radians(max(north - south, (east - west) * math.cos(lat_rad))) / 2 * 6.4e6
+        if half_m <= REACH_M:
+            return LocalFrame(lat_rad, lon_rad, here.alt_amsl_m)
+    return LocalFrame(here.lat_rad, here.lon_rad, here.alt_amsl_m)
+
+
+def _reference(path: Path, frame: LocalFrame, offset_ne_m: tuple[float, float]) -> ReferenceMap:
+    imagery = ReferenceImagery.open(path, offset_ne_m)
+    try:
+        whole = imagery.bounds_ne(frame)
+        bounds = NeBounds(
+            max(whole.north_min_m, -REACH_M), max(whole.east_min_m, -REACH_M),
+            min(whole.north_max_m, REACH_M), min(whole.east_max_m, REACH_M),
+        )  # fmt: skip
+        area_m2 = (bounds.north_max_m - bounds.north_min_m) * (bounds.east_max_m - bounds.east_min_m)
+        gsd_m = max(imagery.gsd_m, math.sqrt(area_m2 / MAX_REFERENCE_PIXELS))
+        return imagery.grid(frame, gsd_m, bounds)
+    finally:
+        imagery.close()

@@ -1,0 +1,235 @@
+"""One thread that owns one vehicle's Navigator.
+
+Samples come in from the event loop and the video decoder; states and fix reports go out. Nobody else touches the
+Navigator: who wants something of it asks, and the thread answers between two pieces of work.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import structlog
+
+from backend.clock import mono_us, unix_us
+from estimator.types import FixReport, FrameSample, NavigationState, Sample
+
+MAX_WAITING_SAMPLES = 20_000  # a minute and a half of a fast link
+MAX_WAITING_FRAMES = 3  # more would only make the estimate late
+STATE_INTERVAL_US = 50_000
+IDLE_S = 0.05
+REBUILD_AFTER_US = 2_000_000
+
+_log = structlog.get_logger(__name__)
+
+
+class NavigatorLike(Protocol):
+    """What the worker needs of `estimator.navigator.Navigator`."""
+
+    gps_denied: bool
+
+    @property
+    def waiting_for(self) -> str | None: ...
+    def offer(self, sample: Sample) -> None: ...
+    def advance(self, t_us: int) -> list[FixReport]: ...
+    def predict(self, t_us: int) -> NavigationState | None: ...
+    def state_at(self, t_us: int) -> NavigationState | None: ...
+
+
+@dataclass(slots=True)
+class WorkerCounts:
+    """What the worker did; written by its thread, read by anyone."""
+
+    samples: int = 0
+    samples_dropped: int = 0
+    frames: int = 0
+    frames_dropped: int = 0
+    failures: int = 0
+    advance_ms: deque[float] = field(default_factory=lambda: deque(maxlen=200))
+
+
+@dataclass(frozen=True, slots=True)
+class StateUpdate:
+    """The state now, and of which epoch it is: a new epoch means that the estimator began anew."""
+
+    state: NavigationState
+    epoch: int
+    gps_denied: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _StateQuestion:
+    t_us: int
+    answer: Future[NavigationState | None]
+
+
+class NavigationWorker:
+    """Runs a Navigator ``delay_us`` behind the clock. Its methods may be called from any thread and never wait.
+
+    ``on_state`` and ``on_reports`` are called in the worker's thread.
+    """
+
+    def __init__(
+        self, name: str, build: Callable[[], NavigatorLike], *, delay_us: int,
+        on_state: Callable[[StateUpdate], None], on_reports: Callable[[list[FixReport]], None],
+        now_us: Callable[[], int] = unix_us, gps_denied: bool = False, first_epoch: int = 1,
+    ) -> None:  # fmt: skip
+        self.counts = WorkerCounts()
+        self.waiting_for: str | None = "the navigator to start"
+        self.failure: str | None = None
+        self.epoch = first_epoch
+        self._build = build
+        self._delay_us = delay_us
+        self._on_state = on_state
+        self._on_reports = on_reports
+        self._now_us = now_us
+        self._gps_denied = gps_denied
+        self._samples: deque[Sample] = deque()
+        self._questions: deque[_StateQuestion] = deque()
+        self._waiting_frames = 0
+        self._changed = threading.Condition()
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name=f"navigation-{name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin to work."""
+        self._thread.start()
+
+    @property
+    def gps_denied(self) -> bool:
+        """Whether GPS is kept from the estimator."""
+        return self._gps_denied
+
+    def deny_gps(self, denied: bool) -> None:
+        """Keep GPS from the estimator, or give it back."""
+        self._gps_denied = denied
+
+    @property
+    def waiting_samples(self) -> int:
+        """How many samples have not been looked at yet."""
+        return len(self._samples)
+
+    def offer(self, sample: Sample) -> None:
+        """Hand in a sample. When the estimator falls behind, old pictures go first, then old samples; both counted."""
+        with self._changed:
+            if self._stopping:
+                return
+            if isinstance(sample, FrameSample):
+                self._waiting_frames += 1
+                if self._waiting_frames > MAX_WAITING_FRAMES:
+                    self._drop_oldest_frame()
+            self._samples.append(sample)
+            if len(self._samples) > MAX_WAITING_SAMPLES:
+                dropped = self._samples.popleft()
+                self._waiting_frames -= isinstance(dropped, FrameSample)
+                self.counts.samples_dropped += 1
+            self._changed.notify()
+
+    def state_at(self, t_us: int) -> Future[NavigationState | None]:
+        """The state at a time (predicted when it is ahead of the horizon); None when it is not known."""
+        question = _StateQuestion(t_us, Future())
+        with self._changed:
+            if self._stopping:
+                question.answer.cancel()
+            else:
+                self._questions.append(question)
+                self._changed.notify()
+        return question.answer
+
+    def close(self, timeout_s: float = 1.0) -> None:
+        """Stop the thread; questions still open are cancelled."""
+        with self._changed:
+            self._stopping = True
+            self._changed.notify()
+        if self._thread.is_alive() and self._thread is not threading.current_thread():
+            self._thread.join(timeout_s)
+        with self._changed:
+            while self._questions:
+                self._questions.popleft().answer.cancel()
+
+    def _drop_oldest_frame(self) -> None:
+        for position, sample in enumerate(self._samples):
+            if isinstance(sample, FrameSample):
+                del self._samples[position]
+                self._waiting_frames -= 1
+                self.counts.frames_dropped += 1
+                return
+
+    def _take(self) -> tuple[list[Sample], list[_StateQuestion]] | None:
+        """What came in, after waiting a moment for it; None at the end."""
+        with self._changed:
+            if not (self._samples or self._questions or self._stopping):
+                self._changed.wait(IDLE_S)
+            if self._stopping:
+                return None
+            samples, questions = list(self._samples), list(self._questions)
+            self._samples.clear()
+            self._questions.clear()
+            self._waiting_frames = 0
+            return samples, questions
+
+    def _run(self) -> None:
+        navigator: NavigatorLike | None = None
+        rebuild_us = 0
+        last_state_us = 0
+        while (taken := self._take()) is not None:
+            samples, questions = taken
+            try:
+                if navigator is None and mono_us() >= rebuild_us:
+                    navigator = self._build()
+                if navigator is not None:
+                    self._work(navigator, samples)
+                    if mono_us() - last_state_us >= STATE_INTERVAL_US:
+                        last_state_us = mono_us()
+                        self._publish(navigator)
+            except Exception as error:  # the estimator failed: say so, start it anew, keep the station alive
+                self.counts.failures += 1
+                self.failure = f"{type(error).__name__}: {error}"
+                _log.exception("navigator failed", worker=self._thread.name)
+                navigator, rebuild_us = None, mono_us() + REBUILD_AFTER_US
+                self.epoch += 1
+            for question in questions:
+                _answer(navigator, question)
+
+    def _work(self, navigator: NavigatorLike, samples: list[Sample]) -> None:
+        navigator.gps_denied = self._gps_denied
+        for sample in samples:
+            navigator.offer(sample)
+            self.counts.samples += 1
+            self.counts.frames += isinstance(sample, FrameSample)
+        started_us = mono_us()
+        reports = navigator.advance(self._now_us() - self._delay_us)
+        if samples:
+            self.counts.advance_ms.append((mono_us() - started_us) / 1e3)
+        if reports:
+            self._on_reports(reports)
+
+    def _publish(self, navigator: NavigatorLike) -> None:
+        self.waiting_for = navigator.waiting_for
+        state = navigator.predict(self._now_us())
+        if state is not None:
+            self.failure = None
+            self._on_state(StateUpdate(state, self.epoch, self._gps_denied))
+
+
+def _answer(navigator: NavigatorLike | None, question: _StateQuestion) -> None:
+    try:
+        state = None if navigator is None else _state_at(navigator, question.t_us)
+    except Exception as error:  # the asker decides what to make of it
+        question.answer.set_exception(error)
+        return
+    if not question.answer.cancelled():
+        question.answer.set_result(state)
+
+
+def _state_at(navigator: NavigatorLike, t_us: int) -> NavigationState | None:
+    state = navigator.state_at(t_us)
+    if state is not None:
+        return state
+    ahead = navigator.predict(t_us)
+    # A time before the history gives a state at another time: that is no answer.
+    return ahead if ahead is not None and abs(ahead.t_us - t_us) <= 1000 else None

@@ -1,0 +1,1 @@
+"""Shows a recorded flight in the browser as if it were live."""

@@ -1,0 +1,1 @@
+"""Writes a flight folder while it flies."""

@@ -1,0 +1,207 @@
+"""A flight folder that grows: whatever moment the process dies, what was written opens as a flight."""
+
+from __future__ import annotations
+
+import math
+import os
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from backend.video.frames import EncodedFrame
+from backend.video.writer import TsWriter
+from estimator.geometry.rotation import euler_from_q
+from estimator.types import NavigationState
+from geodata.flight import CsvAppender, TlogWriter, write_flight_json
+from geodata.flight_meta import CameraMeta, FlightMeta, HomeMeta, MapMeta, VehicleMeta, VideoMeta
+from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS
+
+ESTIMATE_COLUMNS = (
+    "time_us", "lat_deg", "lon_deg", "alt_amsl_m", "roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps",
+    "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2", "mode",
+)  # fmt: skip
+VIDEO_FILE = "video.ts"
+PICTURE_FOLDER = "frames"
+ESTIMATE_STEP_US = 90_000
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingPlan:
+    """What is known when a recording starts."""
+
+    vehicle: VehicleMeta
+    camera: CameraMeta | None
+    home: HomeMeta | None
+    reference: Path | None
+    elevation: Path | None
+    map_offset_ne_m: tuple[float, float]
+    ground_alt_amsl_m: float | None
+    gps_denied: bool
+    t_start_us: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClickRow:
+    """One line of ``clicks.csv``: exposure time, pixel of the recorded video, and the target's id."""
+
+    t_us: int
+    u_px: float
+    v_px: float
+    target: str
+
+
+class FlightWriter:
+    """Writes one flight folder. One thread at a time; OSError where the disk does not take it.
+
+    Everything but the video is with the operating system when a call returns, so that a killed process loses none of
+    it; the video follows at the next `flush`.
+    """
+
+    def __init__(self, folder: Path, plan: RecordingPlan, name: str) -> None:
+        self.folder = folder
+        self._denied: list[tuple[int, int]] = []
+        self._denied_since_us = plan.t_start_us if plan.gps_denied else None
+        self._last_us = plan.t_start_us
+        self._last_state_us = 0
+        self._frames: CsvAppender | None = None
+        self._frame_count = 0
+        self._video: TsWriter | None = None
+        self._picture_codec = False
+        self._small_bytes = 0
+        self._meta = FlightMeta(
+            name=name,
+            vehicle=plan.vehicle,
+            camera=plan.camera,
+            home=plan.home,
+            map=MapMeta(
+                reference=_bring(plan.reference, folder / "reference.tif"),
+                elevation=_bring(plan.elevation, folder / "elevation.tif"),
+                offset_ne_m=plan.map_offset_ne_m,
+                ground_alt_amsl_m=plan.ground_alt_amsl_m,
+            ),
+        )
+        write_flight_json(folder, self._meta)
+        self._tlog = TlogWriter(folder / "telemetry.tlog")
+        self._estimate = CsvAppender(folder / "estimate.csv", ESTIMATE_COLUMNS)
+        self._clicks = CsvAppender(folder / "clicks.csv", CLICK_COLUMNS)
+
+    @property
+    def bytes_written(self) -> int:
+        """Size of telemetry, tables and video so far."""
+        return self._small_bytes
+
+    def packet(self, t_unix_us: int, data: bytes) -> None:
+        """Append a packet as received."""
+        self._tlog.write(t_unix_us, data)
+        self._small_bytes += 8 + len(data)
+        self._last_us = max(self._last_us, t_unix_us)
+
+    def frame(self, frame: EncodedFrame) -> None:
+        """Append a frame; the first must be a key frame, others before it are left out."""
+        if self._frames is None:
+            if not frame.key:
+                return
+            self._begin_video(frame)
+        if (frame.codec == "jpeg") != self._picture_codec or self._frames is None:
+            return  # another codec in mid-flight: one folder holds one kind of video
+        if self._picture_codec:
+            target = self.folder / PICTURE_FOLDER / f"{self._frame_count:06d}.jpg"
+            target.write_bytes(frame.payload)
+        elif self._video is not None:
+            self._video.write(frame)
+        self._frames.write(self._frame_count, frame.t_us)
+        self._frame_count += 1
+        self._small_bytes += len(frame.payload) + 24
+        self._last_us = max(self._last_us, frame.t_us)
+
+    def state(self, state: NavigationState) -> None:
+        """Append a line of ``estimate.csv``, at most ten a second."""
+        if state.t_us - self._last_state_us < ESTIMATE_STEP_US:
+            return
+        self._last_state_us = state.t_us
+        self._estimate.write(*estimate_cells(state))
+        self._small_bytes += 160
+
+    def click(self, row: ClickRow) -> None:
+        """Append a line of ``clicks.csv``."""
+        self._clicks.write(row.t_us, round(row.u_px, 3), round(row.v_px, 3), row.target)
+
+    def gps_denied(self, t_unix_us: int, denied: bool) -> None:
+        """Note from when to when GPS was kept from the estimator."""
+        if denied and self._denied_since_us is None:
+            self._denied_since_us = t_unix_us
+        elif not denied and self._denied_since_us is not None:
+            if t_unix_us > self._denied_since_us:
+                self._denied.append((self._denied_since_us, t_unix_us))
+            self._denied_since_us = None
+        self._write_meta()
+
+    def flush(self) -> None:
+        """Hand everything to the operating system, and GPS denial that still lasts into ``flight.json``."""
+        if self._video is not None:
+            self._video.flush()
+        if self._denied_since_us is not None:
+            self._write_meta()
+
+    def close(self) -> None:
+        """Write everything out and close all files."""
+        closing = [
+            self._write_meta,
+            self._tlog.close,
+            self._estimate.close,
+            self._clicks.close,
+        ]
+        if self._frames is not None:
+            closing.append(self._frames.close)
+        if self._video is not None:
+            closing.append(self._video.close)
+        for close in closing:
+            close()
+
+    def _begin_video(self, frame: EncodedFrame) -> None:
+        self._picture_codec = frame.codec == "jpeg"
+        if self._picture_codec:
+            (self.folder / PICTURE_FOLDER).mkdir(exist_ok=True)
+        else:
+            self._video = TsWriter(self.folder / VIDEO_FILE)
+        self._frames = CsvAppender(self.folder / "frames.csv", FRAME_COLUMNS)
+        video = VideoMeta(
+            file=PICTURE_FOLDER if self._picture_codec else None, start_time_us=frame.t_us, time_offset_s=0.0
+        )
+        self._meta = self._meta.model_copy(update={"video": video})
+        self._write_meta()
+
+    def _write_meta(self) -> None:
+        intervals = list(self._denied)
+        if self._denied_since_us is not None and self._last_us > self._denied_since_us:
+            intervals.append((self._denied_since_us, self._last_us))
+        meta = self._meta.model_copy(update={"gps_denied": tuple(intervals)})
+        if self._video is not None and (self.folder / VIDEO_FILE).exists():
+            # Named only once it is there: a folder that names a missing file is broken.
+            meta = meta.model_copy(update={"video": meta.video.model_copy(update={"file": VIDEO_FILE})})
+        write_flight_json(self.folder, meta)
+
+
+def estimate_cells(state: NavigationState) -> tuple[int | float | str | None, ...]:
+    """One line of ``estimate.csv``."""
+    roll, pitch, yaw = (math.degrees(float(angle)) for angle in euler_from_q(state.q_ned_from_body))
+    vn, ve, vd = (round(float(value), 4) for value in state.vel_ned_m_s)
+    std_n, std_e, std_d = (round(float(v), 4) for v in np.sqrt(np.maximum(np.diag(state.cov_pos_ned_m2), 0.0)))
+    return (
+        state.t_us, f"{math.degrees(state.lat_rad):.9f}", f"{math.degrees(state.lon_rad):.9f}",
+        round(state.alt_amsl_m, 3), round(roll, 4), round(pitch, 4), round(yaw % 360.0, 4), vn, ve, vd,
+        std_n, std_e, std_d, round(float(state.cov_pos_ned_m2[0, 1]), 5), str(state.mode),
+    )  # fmt: skip
+
+
+def _bring(source: Path | None, target: Path) -> str | None:
+    """Link a file into the folder, or copy it where the two lie on different disks; returns its name there."""
+    if source is None:
+        return None
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
+    return target.name

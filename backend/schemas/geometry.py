@@ -1,0 +1,172 @@
+"""GeoJSON and its neighbours, and how targets look in it."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import mgrs
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from backend.store.targets import Target
+from backend.uncertainty import circular_error_m, ellipse95
+
+
+class EllipseBody(BaseModel):
+    """A horizontal 95 % error ellipse; azimuth of the major axis from north."""
+
+    semi_major_m: float
+    semi_minor_m: float
+    azimuth_deg: float
+
+
+class PointGeometry(BaseModel):
+    """RFC 7946: longitude first; the third coordinate is height above mean sea level."""
+
+    type: Literal["Point"] = "Point"
+    coordinates: list[float]
+
+
+class TargetProperties(BaseModel):
+    """A target's properties; uncertainties are null where nobody knows them."""
+
+    name: str
+    mgrs: str | None
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float | None
+    method: str
+    vehicle_id: str | None
+    frame_id: int | None
+    t_unix_us: int | None
+    u_px: float | None
+    v_px: float | None
+    std_n_m: float | None
+    std_e_m: float | None
+    std_d_m: float | None
+    cov_ne_m2: float | None
+    ce90_m: float | None
+    ellipse95: EllipseBody | None
+    created_unix_us: int
+    updated_unix_us: int
+    version: int
+
+
+class TargetFeature(BaseModel):
+    """A target as a GeoJSON feature."""
+
+    type: Literal["Feature"] = "Feature"
+    id: str
+    geometry: PointGeometry
+    properties: TargetProperties
+
+
+class TargetCollection(BaseModel):
+    """All targets."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: list[TargetFeature]
+
+
+class TrackGeometry(BaseModel):
+    """A piece of a track: [lon, lat, alt AMSL] each."""
+
+    type: Literal["LineString"] = "LineString"
+    coordinates: list[list[float]]
+
+
+class TrackProperties(BaseModel):
+    """When each point of a track was."""
+
+    source: str
+    vehicle_id: str
+    epoch: int
+    times_unix_us: list[int]
+
+
+class TrackFeature(BaseModel):
+    """A piece of a track without a gap."""
+
+    type: Literal["Feature"] = "Feature"
+    geometry: TrackGeometry
+    properties: TrackProperties
+
+
+class TrackCollection(BaseModel):
+    """A vehicle's track, cut where nothing was known for a while."""
+
+    type: Literal["FeatureCollection"] = "FeatureCollection"
+    features: list[TrackFeature]
+
+
+class NewTarget(BaseModel):
+    """A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg)."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: str | None = Field(default=None, max_length=200)
+    vehicle_id: str | None = None
+    frame_id: int | None = Field(default=None, ge=0)
+    u_px: float | None = Field(default=None, allow_inf_nan=False)
+    v_px: float | None = Field(default=None, allow_inf_nan=False)
+    lat_deg: float | None = Field(default=None, ge=-90, le=90)
+    lon_deg: float | None = Field(default=None, ge=-180, le=180)
+    alt_amsl_m: float | None = Field(default=None, ge=-1000, le=20000)
+
+
+class TargetPatch(BaseModel):
+    """What to change; a position needs both of lat_deg and lon_deg."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: str | None = Field(default=None, min_length=1, max_length=200)
+    lat_deg: float | None = Field(default=None, ge=-90, le=90)
+    lon_deg: float | None = Field(default=None, ge=-180, le=180)
+    alt_amsl_m: float | None = Field(default=None, ge=-1000, le=20000)
+
+
+def feature_of_target(target: Target) -> TargetFeature:
+    """The GeoJSON feature of a target."""
+    coordinates = [target.lon_deg, target.lat_deg]
+    if target.alt_amsl_m is not None:
+        coordinates.append(target.alt_amsl_m)
+    std_n = _root(target.var_n_m2)
+    std_e = _root(target.var_e_m2)
+    ellipse, ce90 = None, None
+    if target.var_n_m2 is not None and target.var_e_m2 is not None and target.cov_ne_m2 is not None:
+        cov = np.array([[target.var_n_m2, target.cov_ne_m2], [target.cov_ne_m2, target.var_e_m2]])
+        found = ellipse95(cov)
+        ellipse = EllipseBody(
+            semi_major_m=found.semi_major_m, semi_minor_m=found.semi_minor_m, azimuth_deg=found.azimuth_deg
+        )
+        ce90 = circular_error_m(cov)
+    return TargetFeature(
+        id=target.id,
+        geometry=PointGeometry(coordinates=coordinates),
+        properties=TargetProperties(
+            name=target.name, mgrs=mgrs_of(target.lat_deg, target.lon_deg),
+            lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=target.alt_amsl_m, method=target.method,
+            vehicle_id=target.vehicle_id, frame_id=target.frame_id, t_unix_us=target.t_unix_us,
+            u_px=target.u_px, v_px=target.v_px, std_n_m=std_n, std_e_m=std_e, std_d_m=_root(target.var_d_m2),
+            cov_ne_m2=target.cov_ne_m2, ce90_m=ce90, ellipse95=ellipse,
+            created_unix_us=target.created_unix_us, updated_unix_us=target.updated_unix_us, version=target.version,
+        ),
+    )  # fmt: skip
+
+
+def collection_of_targets(targets: list[Target]) -> TargetCollection:
+    """The GeoJSON collection of targets."""
+    return TargetCollection(features=[feature_of_target(target) for target in targets])
+
+
+def mgrs_of(lat_deg: float, lon_deg: float) -> str | None:
+    """The one-metre grid reference (MGRS) of a place; UPS zones at the poles included."""
+    try:
+        return str(mgrs.MGRS().toMGRS(lat_deg, lon_deg))
+    except mgrs.core.MGRSError:
+        return None
+
+
+def _root(variance: float | None) -> float | None:
+    return None if variance is None else math.sqrt(max(variance, 0.0))

@@ -1,0 +1,131 @@
+"""Bodies about vehicles, recording, flights and replays."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class VehicleBody(BaseModel):
+    """A vehicle in the list."""
+
+    model_config = ConfigDict(extra="allow")
+
+    id: str
+    vehicle_type: str | None
+    simulated: bool
+    connected: bool
+    replay: bool
+    video_source: str | None
+
+
+class NavigationBody(_Body):
+    """What the estimator may use."""
+
+    gps_denied: bool
+
+
+class CommandBody(_Body):
+    """A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff."""
+
+    command: Literal["arm", "disarm", "takeoff", "goto", "hold", "return", "land", "inject_failure"]
+    unit: Literal["gps"] | None = None
+    failure: Literal["off", "ok"] | None = None
+    lat_deg: float | None = Field(default=None, ge=-90, le=90)
+    lon_deg: float | None = Field(default=None, ge=-180, le=180)
+    alt_rel_m: float | None = Field(default=None, ge=0, le=5000)
+
+
+class CommandAccepted(BaseModel):
+    """The command was sent; an ``ack`` message with its id follows on the stream."""
+
+    command_id: str
+
+
+class RecordingRequest(_Body):
+    """Start or stop recording."""
+
+    active: bool
+    name: str | None = Field(default=None, max_length=100)
+
+
+class RecordingBody(BaseModel):
+    """What the recorder does."""
+
+    active: bool
+    flight_id: str | None
+    duration_s: float
+    bytes: int
+
+
+class FlightBody(BaseModel):
+    """A flight in the list; ``problem`` says why it cannot be used."""
+
+    id: str
+    name: str
+    start_unix_us: int | None
+    duration_s: float | None
+    bytes: int
+    has_video: bool
+    has_truth: bool
+    read_only: bool
+    recording: bool
+    warnings: list[str]
+    problem: str | None
+
+
+class ReplayRequest(_Body):
+    """How to replay a flight."""
+
+    speed: float = Field(default=1.0, ge=0.1, le=16)
+    start_s: float = Field(default=0.0, ge=0)
+
+
+class ReplayChange(_Body):
+    """What to change of a running replay."""
+
+    paused: bool | None = None
+    speed: float | None = Field(default=None, ge=0.1, le=16)
+    seek_unix_us: int | None = Field(default=None, ge=0)
+
+
+class ReplayBody(BaseModel):
+    """Where a replay stands."""
+
+    vehicle_id: str
+    flight_id: str
+    t_unix_us: int
+    start_unix_us: int
+    end_unix_us: int
+    speed: float
+    paused: bool
+    ended: bool
+    progress: float | None = None
+
+
+class MapBounds(BaseModel):
+    """Where a map lies."""
+
+    south_deg: float
+    west_deg: float
+    north_deg: float
+    east_deg: float
+
+
+class MapBody(BaseModel):
+    """A map of the library."""
+
+    id: str
+    name: str
+    kind: str
+    gsd_m: float | None
+    bounds: MapBounds
+    crs: str
+    bands: int
+    size: list[int]
+    source_file: str | None

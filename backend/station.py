@@ -1,0 +1,385 @@
+"""One station: everything that runs, wired together. Lives on one event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import shutil
+import uuid
+from dataclasses import asdict, replace
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import structlog
+
+from backend.alarms import Alarm, AlarmBoard
+from backend.clicks import clicked_target, typed_target
+from backend.clock import mono_us, unix_us
+from backend.errors import CommandRefusedError, ConflictError, StationError, UnknownSourceError, UnknownVehicleError
+from backend.fleet.commands import send_command
+from backend.fleet.feed import VideoFeed
+from backend.fleet.fleet import Fleet
+from backend.fleet.messages import fix_fields
+from backend.fleet.vehicle import LiveVehicle, VehicleView
+from backend.flights import FlightShelf
+from backend.hub import Hub
+from backend.mapping import StationMaps
+from backend.metrics import Metrics
+from backend.navigation.setup import CameraProfile, Place, build_setup, read_camera_profile
+from backend.navigation.worker import StateUpdate
+from backend.playback.replays import Replays
+from backend.recorder.folder import ClickRow, RecordingPlan
+from backend.recorder.recorder import Recorder
+from backend.schemas.geometry import NewTarget, collection_of_targets, feature_of_target
+from backend.schemas.vehicles import CommandBody, MapBody
+from backend.settings import Settings
+from backend.store.database import Database
+from backend.store.lock import DataDirLock
+from backend.store.targets import Target, TargetChange, TargetStore
+from backend.ticker import Ticker
+from estimator.types import FixReport
+from geodata.errors import GeodataError
+from geodata.flight_meta import HomeMeta, VehicleMeta
+from geodata.maps import MapKind
+
+if TYPE_CHECKING:
+    from backend.fleet.cameras import Camera, FrameForEstimator
+    from backend.fleet.links import LinkEndpoint
+
+_log = structlog.get_logger(__name__)
+
+
+class Station:
+    """Owns the links, the camera, the vehicles, the store, the recorder and the replays."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self.version = package_version()
+        self.running = False
+        self.has_console = False
+        self.hub = Hub()
+        self.alarms = AlarmBoard()
+        self.metrics = Metrics()
+        self.maps = StationMaps(settings.data_dir / "maps")
+        self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
+        self.recorder = Recorder(settings.data_dir / "flights")
+        self.fleet = Fleet(
+            settings.estimator_delay_ms * 1000, self.hub.publish, self._place_vehicle, self._on_state, self._on_reports
+        )
+        self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
+        self.links: list[LinkEndpoint] = []
+        self.camera: Camera | None = None
+        self.profile: CameraProfile | None = None
+        self._lock = DataDirLock(settings.data_dir)
+        self._database: Database | None = None
+        self._targets: TargetStore | None = None
+        self._ticker = Ticker(self)
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._placing: set[str] = set()
+        self._setup_problem: dict[str, str] = {}
+        self._target_names = 0
+
+    @property
+    def targets(self) -> TargetStore:
+        """The kept targets."""
+        if self._targets is None:
+            raise ConflictError("the station is not running")
+        return self._targets
+
+    @property
+    def maps_inbox(self) -> Path:
+        """Where uploads wait until they are imported."""
+        return self.settings.data_dir / "inbox"
+
+    async def start(self) -> None:
+        """Start everything; StartError when something the operator asked for cannot be had."""
+        self._lock.acquire()
+        try:
+            if self.settings.camera is not None:
+                self.profile = read_camera_profile(self.settings.camera)
+            self._database = await Database.open(self.settings.data_dir / "station.db")
+            self._targets = TargetStore(self._database)
+            self._target_names = len(await self._targets.all())
+            await self.maps.choose(self.settings.map)
+            if self.settings.mavlink:
+                from backend.fleet.links import LinkEndpoint
+                self.links = [
+                    LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
+                ]
+            if self.settings.video is not None:
+                from backend.fleet.cameras import Camera
+
+                self.camera = Camera(
+                    self.settings, self.profile, self.metrics, self.recorder, self._on_picture, self._map_vehicle_time
+                )
+            for link in self.links:
+                await link.start()
+            if self.camera is not None:
+                self.camera.start()
+        except BaseException:
+            await self.stop()
+            raise
+        self._ticker.start()
+        self.running = True
+        if self.settings.record:
+            await self.start_recording(None)
+
+    async def stop(self) -> None:
+        """End everything; the recording is closed first, so that nothing can keep it from that."""
+        self.running = False
+        await self._ticker.stop()
+        if self.recorder.status.active:
+            await asyncio.to_thread(self.recorder.stop)
+        for task in list(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.replays.close()
+        for link in self.links:
+            await link.close()
+        if self.camera is not None:
+            await asyncio.to_thread(self.camera.close)
+        await asyncio.to_thread(self.fleet.close)
+        self.maps.close()
+        if self._database is not None:
+            await self._database.close()
+            self._database = None
+        self._lock.release()
+
+    def waiting_for(self) -> list[str]:
+        """What does not come yet, in the operator's words."""
+        waits = [wait for link in self.links if (wait := link.waiting_for()) is not None]
+        if self.camera is not None:
+            wait = self.camera.waiting_for()
+            if wait is not None:
+                waits.append(wait)
+            if self.profile is None:
+                waits.append("camera parameters, to navigate by the video: start with --camera CAM.json")
+        for vehicle in self.fleet.vehicles.values():
+            if vehicle.id in self._setup_problem:
+                waits.append(f"vehicle {vehicle.id}: a usable map ({self._setup_problem[vehicle.id]})")
+            elif vehicle.setup is not None and vehicle.setup.reference is None:
+                waits.append(f"vehicle {vehicle.id}: a reference map of its area: pilotage map import FILE.tif")
+            waits += vehicle.waiting_for()
+        return waits
+
+    async def hello(self) -> dict[str, Any]:
+        """Fields of the ``hello`` message: everything a newcomer has to know."""
+        await self.maps.refresh()
+        return {
+            "station": {
+                "name": "Pilotage", "version": self.version, "data_dir_free_bytes": self.disk_free_bytes(),
+            },
+            "vehicles": [vehicle.summary() for vehicle in self.vehicles()],
+            "maps": [body.model_dump() for body in self.maps.bodies()],
+            "targets": collection_of_targets(await self.targets.all()).model_dump(),
+            "alarms": [asdict(alarm) for alarm in self.alarms.active],
+            "recording": asdict(self.recorder.status),
+            "waiting_for": self.waiting_for(),
+            "replays": [body.model_dump() for body in self.replays.bodies()],
+        }  # fmt: skip
+
+    def disk_free_bytes(self) -> int:
+        """Space left where the station writes."""
+        try:
+            return shutil.disk_usage(self.settings.data_dir).free
+        except OSError:
+            return 0
+
+    def vehicles(self) -> list[VehicleView]:
+        """Live vehicles and replays."""
+        return [*self.fleet.vehicles.values(), *self.replays.vehicles()]
+
+    def vehicle(self, vehicle_id: str) -> VehicleView:
+        """One vehicle or replay, or UnknownVehicleError."""
+        for vehicle in self.vehicles():
+            if vehicle.id == vehicle_id:
+                return vehicle
+        raise UnknownVehicleError(vehicle_id)
+
+    def live_vehicle(self, vehicle_id: str) -> LiveVehicle:
+        """One live vehicle; a replay refuses what only a vehicle can do."""
+        vehicle = self.vehicle(vehicle_id)
+        if not isinstance(vehicle, LiveVehicle):
+            raise CommandRefusedError(f"vehicle '{vehicle_id}' is a replay: what happened cannot be changed")
+        return vehicle
+
+    def feed(self, source: str) -> VideoFeed:
+        """A video source, or UnknownSourceError."""
+        if self.camera is not None and self.camera.answers_to(source):
+            return self.camera
+        for replay in self.replays.feeds():
+            if replay.source == source:
+                return replay
+        raise UnknownSourceError(source)
+
+    def deny_gps(self, vehicle_id: str, denied: bool) -> None:
+        """Keep GPS from a vehicle's estimator, or give it back."""
+        vehicle = self.live_vehicle(vehicle_id)
+        if vehicle.gps_denied != denied:
+            vehicle.deny_gps(denied)
+            self.recorder.gps_denied(any(v.gps_denied for v in self.fleet.vehicles.values()))
+            self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
+
+    def command(self, vehicle_id: str, body: CommandBody) -> str:
+        """Send a command; returns the id under which its acknowledgement will come."""
+        vehicle = self.live_vehicle(vehicle_id)
+        link = next((link for link in self.links if link.name == vehicle.endpoint), None)
+        if link is None or not vehicle.connected:
+            raise CommandRefusedError(f"vehicle '{vehicle_id}' is not connected")
+        command_id = str(uuid.uuid4())
+        link_id = send_command(link.link, vehicle, body)
+        self.fleet.note_command(link.name, link_id, command_id, body.command)
+        link.send_soon()
+        return command_id
+
+    async def create_target(self, body: NewTarget) -> Target:
+        """Locate a click, or take coordinates, and keep the target; when this returns it is on the disk."""
+        started_us = mono_us()
+        if body.frame_id is None and body.u_px is None and body.v_px is None:
+            target = typed_target(body)
+        else:
+            if body.vehicle_id is None:
+                raise ConflictError("a click needs the vehicle_id whose video was clicked")
+            vehicle = self.vehicle(body.vehicle_id)
+            target = await clicked_target(body, vehicle, self.feed(vehicle.video_source or ""))
+        self._target_names += 1
+        target = replace(target, name=target.name or f"Target {self._target_names}")
+        await self.targets.add(target)
+        self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
+        clicked = target.t_unix_us is not None and target.u_px is not None and target.v_px is not None
+        if clicked and target.vehicle_id in self.fleet.vehicles:
+            self.recorder.click(ClickRow(target.t_unix_us or 0, target.u_px or 0.0, target.v_px or 0.0, target.name))
+        self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
+        return target
+
+    async def change_target(self, target_id: str, change: TargetChange, version: int | None) -> Target:
+        """Change a target and tell everybody."""
+        target = await self.targets.change(target_id, change, version, unix_us())
+        self.hub.publish("target", action="updated", target=feature_of_target(target).model_dump())
+        return target
+
+    async def delete_target(self, target_id: str, version: int | None) -> None:
+        """Remove a target and tell everybody."""
+        await self.targets.delete(target_id, version)
+        self.hub.publish("target", action="deleted", target=target_id)
+
+    async def import_map(self, path: Path, name: str, kind: MapKind | None) -> MapBody:
+        """Import a map, tell everybody, and have vehicles without one use it."""
+        record = await self.maps.import_file(path, name, kind)
+        body = self.maps.body(record.id)
+        self.hub.publish("map", action="created", map=body.model_dump())
+        for vehicle in self.fleet.vehicles.values():
+            here = vehicle.here()
+            lacks = vehicle.setup is None or vehicle.setup.reference is None
+            if here is not None and lacks:
+                self._place_vehicle(vehicle, here)
+        return body
+
+    async def delete_map(self, map_id: str) -> None:
+        """Remove a map and tell everybody."""
+        await self.maps.delete(map_id)
+        self.hub.publish("map", action="deleted", map=map_id)
+
+    async def start_recording(self, name: str | None) -> str:
+        """Begin to record; returns the flight's id."""
+        flight_id = await asyncio.to_thread(self.recorder.start, self._plan(), name)
+        self.hub.publish("recording", **asdict(self.recorder.status))
+        return flight_id
+
+    async def stop_recording(self) -> None:
+        """End the recording; it is complete on the disk when this returns."""
+        await asyncio.to_thread(self.recorder.stop)
+        self.hub.publish("recording", **asdict(self.recorder.status))
+
+    def tell_alarm(self, alarm: Alarm | None) -> None:
+        """Tell everybody about a raised or cleared alarm."""
+        if alarm is not None:
+            _log.info("alarm", code=alarm.code, vehicle=alarm.vehicle_id, active=alarm.active, text=alarm.text)
+            self.hub.publish("alarm", **asdict(alarm))
+
+    def _plan(self) -> RecordingPlan:
+        vehicle = next(iter(self.fleet.vehicles.values()), None)
+        home = None if vehicle is None else vehicle.home
+        kind = None if vehicle is None else vehicle.telemetry.vehicle_type
+        known = {"helicopter", "multirotor", "fixed_wing"}
+        meta = VehicleMeta(
+            **({"type": kind} if kind in known else {}), **({} if vehicle is None else {"system_id": vehicle.system_id})
+        )
+        here = None if vehicle is None else vehicle.here()
+        files = None if here is None else self.maps.files_for(here)
+        profile = self.profile
+        return RecordingPlan(
+            vehicle=meta,
+            camera=None if profile is None else profile.camera,
+            home=None if home is None else HomeMeta(
+                lat_deg=math.degrees(home.lat_rad), lon_deg=math.degrees(home.lon_rad),
+                alt_amsl_m=home.alt_amsl_m,
+            ),
+            reference=None if files is None else files.reference,
+            elevation=None if files is None else files.elevation,
+            map_offset_ne_m=(0.0, 0.0) if profile is None else profile.map.offset_ne_m,
+            ground_alt_amsl_m=None if profile is None else profile.map.ground_alt_amsl_m,
+            gps_denied=any(v.gps_denied for v in self.fleet.vehicles.values()),
+            t_start_us=unix_us(),
+        )  # fmt: skip
+
+    def _place_vehicle(self, vehicle: LiveVehicle, here: Place) -> None:
+        """Set up a vehicle's estimator, in the background: the map has to be read."""
+        if vehicle.id in self._placing:
+            return
+        self._placing.add(vehicle.id)
+        task = asyncio.create_task(self._set_up(vehicle, here))
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _set_up(self, vehicle: LiveVehicle, here: Place) -> None:
+        try:
+            await self.maps.refresh()
+            size = None if self.camera is None else self.camera.size_px
+            setup = await asyncio.to_thread(build_setup, self.profile, self.maps.files_for(here), here, size)
+        except (GeodataError, StationError, OSError) as error:
+            self._setup_problem[vehicle.id] = str(error)
+            _log.error("estimator not set up", vehicle=vehicle.id, error=str(error))
+            await asyncio.sleep(5.0)  # then the next sample tries again
+        else:
+            self._setup_problem.pop(vehicle.id, None)
+            vehicle.navigate(setup)
+            self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
+        finally:
+            self._placing.discard(vehicle.id)
+
+    def _camera_vehicle(self) -> LiveVehicle | None:
+        return None if self.camera is None else self.fleet.vehicles.get(self.camera.vehicle_id)
+
+    def _on_picture(self, picture: FrameForEstimator) -> None:
+        """A decoded picture, in the decoder's thread."""
+        vehicle = self._camera_vehicle()
+        if vehicle is not None:
+            vehicle.offer(picture.sample)
+
+    def _map_vehicle_time(self, t_vehicle_unix_us: int) -> int | None:
+        """Station time of a vehicle's Unix time, None when the link does not know it (yet)."""
+        vehicle = self._camera_vehicle()
+        link = next((link for link in self.links if vehicle is not None and link.name == vehicle.endpoint), None)
+        return None if link is None or vehicle is None else link.station_time_us(vehicle.system_id, t_vehicle_unix_us)
+
+    def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
+        camera_vehicle = self._camera_vehicle()
+        if camera_vehicle is None or camera_vehicle is vehicle:
+            self.recorder.state(update.state)
+
+    def _on_reports(self, vehicle: LiveVehicle, reports: list[FixReport]) -> None:
+        for report in reports:
+            self.metrics.fixes.labels(vehicle.id, report.kind, str(report.accepted).lower()).inc()
+            self.metrics.stage.labels("registration").observe(report.elapsed_ms / 1e3)
+            if vehicle.setup is not None:
+                self.hub.publish("fix", vehicle_id=vehicle.id, **fix_fields(report, vehicle.setup.frame))
+
+
+def package_version() -> str:
+    """The installed version."""
+    with contextlib.suppress(PackageNotFoundError):
+        return version("pilotage")
+    return "0+unknown"

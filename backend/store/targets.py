@@ -1,0 +1,114 @@
+"""Targets: points on the ground somebody wants to know about, with how well they are known."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+
+from sqlalchemy import select
+
+from backend.errors import TargetChangedError, UnknownTargetError
+from backend.store.database import Database
+from backend.store.models import TargetRow
+
+
+@dataclass(frozen=True, slots=True)
+class Target:
+    """One target. Variances and the north-east covariance are None where nobody knows them (typed-in coordinates).
+
+    ``vehicle_id``, ``frame_id``, ``t_unix_us`` (exposure) and the pixel say where it was clicked.
+    """
+
+    id: str
+    name: str
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float | None
+    method: str
+    created_unix_us: int
+    updated_unix_us: int
+    version: int = 1
+    vehicle_id: str | None = None
+    frame_id: int | None = None
+    t_unix_us: int | None = None
+    u_px: float | None = None
+    v_px: float | None = None
+    var_n_m2: float | None = None
+    var_e_m2: float | None = None
+    var_d_m2: float | None = None
+    cov_ne_m2: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetChange:
+    """What to change of a target; None leaves as it is. A new position has no covariance from the old click."""
+
+    name: str | None = None
+    position_deg: tuple[float, float] | None = None
+    alt_amsl_m: float | None = None
+
+
+class TargetStore:
+    """Keeps targets. A method that returns has its change on the disk."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    async def add(self, target: Target) -> None:
+        """Keep a new target."""
+        async with self._database.writing, self._database.session.begin() as session:
+            session.add(TargetRow(**asdict(target)))
+
+    async def all(self) -> list[Target]:
+        """All targets, the oldest first."""
+        async with self._database.session() as session:
+            rows = await session.scalars(select(TargetRow).order_by(TargetRow.created_unix_us, TargetRow.id))
+            return [_target(row) for row in rows]
+
+    async def get(self, target_id: str) -> Target:
+        """One target, or UnknownTargetError."""
+        async with self._database.session() as session:
+            row = await session.get(TargetRow, target_id)
+            if row is None:
+                raise UnknownTargetError(target_id)
+            return _target(row)
+
+    async def change(self, target_id: str, change: TargetChange, version: int | None, now_us: int) -> Target:
+        """Change a target, if it still has the expected version (None: whichever it has)."""
+        async with self._database.writing, self._database.session.begin() as session:
+            row = _expected(await session.get(TargetRow, target_id), target_id, version)
+            changed = _changed(_target(row), change, now_us)
+            for name, value in asdict(changed).items():
+                setattr(row, name, value)
+        return changed
+
+    async def delete(self, target_id: str, version: int | None) -> None:
+        """Remove a target, if it still has the expected version (None: whichever it has)."""
+        async with self._database.writing, self._database.session.begin() as session:
+            await session.delete(_expected(await session.get(TargetRow, target_id), target_id, version))
+
+
+def _expected(row: TargetRow | None, target_id: str, version: int | None) -> TargetRow:
+    if row is None:
+        raise UnknownTargetError(target_id)
+    if version is not None and row.version != version:
+        raise TargetChangedError(target_id, row.version)
+    return row
+
+
+def _changed(target: Target, change: TargetChange, now_us: int) -> Target:
+    changed = replace(target, version=target.version + 1, updated_unix_us=now_us)
+    if change.name is not None:
+        changed = replace(changed, name=change.name)
+    if change.alt_amsl_m is not None:
+        changed = replace(changed, alt_amsl_m=change.alt_amsl_m)
+    if change.position_deg is not None:
+        lat_deg, lon_deg = change.position_deg
+        changed = replace(
+            changed, lat_deg=lat_deg, lon_deg=lon_deg, method="manual",
+            var_n_m2=None, var_e_m2=None, var_d_m2=None, cov_ne_m2=None,
+        )  # fmt: skip
+    return changed
+
+
+def _target(row: TargetRow) -> Target:
+    return Target(**{name: getattr(row, name) for name in Target.__dataclass_fields__})

@@ -1,0 +1,52 @@
+"""Covariances in words an operator reads: error ellipses and circular errors."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.types import Float
+
+CHI2_95_TWO = 5.991464547107979  # 95 % quantile of chi-squared with two degrees of freedom, -2 ln 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """A horizontal error ellipse; the azimuth of its major axis is clockwise from north, 0 to 180 degrees."""
+
+    semi_major_m: float
+    semi_minor_m: float
+    azimuth_deg: float
+
+
+def ellipse95(cov_ne_m2: Float) -> Ellipse:
+    """The ellipse that holds 95 % of a normal distribution with a (2, 2) covariance over north and east."""
+    values, vectors = np.linalg.eigh(np.asarray(cov_ne_m2, dtype=np.float64))
+    minor, major = np.sqrt(np.maximum(values, 0.0) * CHI2_95_TWO)
+    north, east = vectors[:, 1]
+    azimuth_deg = math.degrees(math.atan2(east, north)) % 180.0
+    return Ellipse(float(major), float(minor), azimuth_deg)
+
+
+def circular_error_m(cov_ne_m2: Float, probability: float = 0.9) -> float:
+    """Radius of the circle about the estimate that holds the truth with a probability (CE90 by default).
+
+    Exact for a normal distribution: the mass outside a circle is integrated over the angle, and the radius found by
+    bisection between the bounds that the larger axis alone and both axes equal to it give.
+    """
+    values = np.maximum(np.linalg.eigvalsh(np.asarray(cov_ne_m2, dtype=np.float64)), 0.0)
+    major = math.sqrt(float(values[1]))
+    if major == 0.0:
+        return 0.0
+    # A needle-thin ellipse would need too fine an angle step; 1e-3 of the major axis changes CE90 by less than 1e-6.
+    minor = max(math.sqrt(float(values[0])), 1e-3 * major)
+    angle = (np.arange(20_000) + 0.5) * (math.pi / 2 / 20_000)
+    inverse = (np.cos(angle) / major) ** 2 + (np.sin(angle) / minor) ** 2
+    low, high = 0.0, major * math.sqrt(-2.0 * math.log(1.0 - probability)) * 1.000001
+    for _ in range(50):
+        radius = 0.5 * (low + high)
+        outside = float(np.mean(np.exp(-0.5 * radius**2 * inverse) / inverse)) / (major * minor)
+        low, high = (radius, high) if outside > 1.0 - probability else (low, radius)
+    return 0.5 * (low + high)
