@@ -2,18 +2,13 @@ import { describe, expect, it } from 'vitest';
 import { ApiError, problemError, RestApi } from './client';
 import type { Target } from './types';
 
-interface Call {
-  url: string;
-  init: RequestInit;
-}
-
 function station(status: number, body: unknown) {
-  const calls: Call[] = [];
-  const send = (url: unknown, init?: RequestInit) => {
-    calls.push({ url: String(url), init: init ?? {} });
+  const calls: Request[] = [];
+  const send = (request: Request) => {
+    calls.push(request);
     return Promise.resolve(new Response(body === undefined ? null : JSON.stringify(body), { status }));
   };
-  return { calls, api: new RestApi('http://station:8700/', send as typeof fetch) };
+  return { calls, api: new RestApi('http://station:8700/', send) };
 }
 
 const target = { id: 'a/b', properties: { version: 4 } } as unknown as Target;
@@ -23,14 +18,14 @@ describe('RestApi', () => {
     const { api, calls } = station(201, { id: 't' });
     await api.createTarget({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });
     expect(calls[0]?.url).toBe('http://station:8700/api/v1/targets');
-    expect(JSON.parse(String(calls[0]?.init.body))).toEqual({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });
+    expect(await calls[0]?.json()).toEqual({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });
   });
 
   it('names the version that a change is based on, and escapes ids', async () => {
     const { api, calls } = station(200, {});
     await api.renameTarget(target, 'Barn');
     expect(calls[0]?.url).toBe('http://station:8700/api/v1/targets/a%2Fb');
-    expect((calls[0]?.init.headers as Record<string, string>)['if-match']).toBe('"4"');
+    expect(calls[0]?.headers.get('if-match')).toBe('"4"');
   });
 
   it('accepts an empty answer', async () => {
@@ -49,10 +44,6 @@ describe('RestApi', () => {
     await expect(api.flights()).rejects.toMatchObject({ status: null, title: 'The station does not answer' });
   });
 
-  it('reads flights with or without a wrapper', async () => {
-    expect(await station(200, [{ id: 'f' }]).api.flights()).toEqual([{ id: 'f' }]);
-    expect(await station(200, { flights: [{ id: 'f' }] }).api.flights()).toEqual([{ id: 'f' }]);
-  });
 });
 
 describe('problemError', () => {

@@ -1,5 +1,7 @@
 /** The station's REST interface, as far as the page uses it. Every refusal becomes an `ApiError` in plain words. */
 
+import createClient, { type Client } from 'openapi-fetch';
+import type { paths } from './schema';
 import type { Flight, MapSummary, Problem, Target, TrackCollection } from './types';
 
 export class ApiError extends Error {
@@ -64,80 +66,90 @@ function listed(errors: unknown): string {
 
 const UNREACHABLE = 'The station does not answer';
 
+interface Answer<T> {
+  data?: T;
+  error?: unknown;
+  response: Response;
+}
+
 export class RestApi implements StationApi {
+  private readonly client: Client<paths>;
+
   constructor(
     private readonly base: string,
-    private readonly send: typeof fetch = (input, init) => fetch(input, init),
-  ) {}
+    send: (request: Request) => Promise<Response> = (request) => fetch(request),
+  ) {
+    this.client = createClient<paths>({ baseUrl: base.replace(/\/$/, ''), fetch: send });
+  }
 
-  private async call<T>(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> {
-    const init: RequestInit = { method, headers: { ...headers } };
-    if (body !== undefined) {
-      init.body = JSON.stringify(body);
-      init.headers = { ...headers, 'content-type': 'application/json' };
-    }
-    let response: Response;
+  private async answer<T>(request: Promise<Answer<T>>): Promise<T> {
+    let answer: Answer<T>;
     try {
-      response = await this.send(new URL(`api/v1/${path}`, this.base).toString(), init);
+      answer = await request;
     } catch (error) {
       throw new ApiError(null, UNREACHABLE, error instanceof Error ? error.message : String(error));
     }
-    const text = await response.text();
-    if (!response.ok) throw problemError(response.status, text);
-    return (text === '' ? undefined : JSON.parse(text)) as T;
+    const { data, error, response } = answer;
+    if (!response.ok) throw problemError(response.status, typeof error === 'string' ? error : JSON.stringify(error ?? {}));
+    return data as T;
   }
 
   createTarget(target: NewTarget): Promise<Target> {
-    return this.call('POST', 'targets', target);
+    return this.answer(this.client.POST('/api/v1/targets', { body: target }));
   }
 
   renameTarget(target: Target, name: string): Promise<Target> {
-    return this.call('PATCH', `targets/${encodeURIComponent(target.id)}`, { name }, ifMatch(target));
+    const params = { path: { target_id: target.id }, header: ifMatch(target) };
+    return this.answer(this.client.PATCH('/api/v1/targets/{target_id}', { params, body: { name } }));
   }
 
   async deleteTarget(target: Target): Promise<void> {
-    await this.call('DELETE', `targets/${encodeURIComponent(target.id)}`, undefined, ifMatch(target));
+    const params = { path: { target_id: target.id }, header: ifMatch(target) };
+    await this.answer(this.client.DELETE('/api/v1/targets/{target_id}', { params }));
   }
 
   async denyGps(vehicle_id: string, gps_denied: boolean): Promise<void> {
-    await this.call('POST', `vehicles/${encodeURIComponent(vehicle_id)}/navigation`, { gps_denied });
+    const params = { path: { vehicle_id } };
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/navigation', { params, body: { gps_denied } }));
   }
 
   async injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string> {
-    const command = { command: 'inject_failure', unit: 'gps', failure };
-    const path = `vehicles/${encodeURIComponent(vehicle_id)}/commands`;
-    return (await this.call<{ command_id: string }>('POST', path, command)).command_id;
+    const params = { path: { vehicle_id } };
+    const body = { command: 'inject_failure', unit: 'gps', failure } as const;
+    return (await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/commands', { params, body }))).command_id;
   }
 
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection> {
-    return this.call('GET', `vehicles/${encodeURIComponent(vehicle_id)}/tracks?source=${source}`);
+    const params = { path: { vehicle_id }, query: { source } };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/tracks', { params }));
   }
 
-  async flights(): Promise<Flight[]> {
-    const answer = await this.call<Flight[] | { flights: Flight[] }>('GET', 'flights');
-    return Array.isArray(answer) ? answer : answer.flights;
+  flights(): Promise<Flight[]> {
+    return this.answer(this.client.GET('/api/v1/flights'));
   }
 
   async deleteFlight(flight_id: string): Promise<void> {
-    await this.call('DELETE', `flights/${encodeURIComponent(flight_id)}`);
+    await this.answer(this.client.DELETE('/api/v1/flights/{flight_id}', { params: { path: { flight_id } } }));
   }
 
   async record(active: boolean, name?: string): Promise<void> {
-    await this.call('POST', 'recording', name ? { active, name } : { active });
+    const body = name ? { active, name } : { active };
+    await this.answer(this.client.POST('/api/v1/recording', { body }));
   }
 
   async startReplay(flight_id: string, speed: number): Promise<string> {
-    const path = `flights/${encodeURIComponent(flight_id)}/replay`;
-    const answer = await this.call<{ vehicle_id?: string }>('POST', path, { speed, start_s: 0 });
-    return answer.vehicle_id ?? `replay-${flight_id}`;
+    const params = { path: { flight_id } };
+    const body = { speed, start_s: 0 };
+    return (await this.answer(this.client.POST('/api/v1/flights/{flight_id}/replay', { params, body }))).vehicle_id;
   }
 
   async changeReplay(vehicle_id: string, change: ReplayChange): Promise<void> {
-    await this.call('PATCH', `replays/${encodeURIComponent(vehicle_id)}`, change);
+    const params = { path: { vehicle_id } };
+    await this.answer(this.client.PATCH('/api/v1/replays/{vehicle_id}', { params, body: change }));
   }
 
   async leaveReplay(vehicle_id: string): Promise<void> {
-    await this.call('DELETE', `replays/${encodeURIComponent(vehicle_id)}`);
+    await this.answer(this.client.DELETE('/api/v1/replays/{vehicle_id}', { params: { path: { vehicle_id } } }));
   }
 
   /** XMLHttpRequest, because fetch does not tell how much of an upload has gone. */
@@ -160,7 +172,7 @@ export class RestApi implements StationApi {
   }
 
   async deleteMap(map_id: string): Promise<void> {
-    await this.call('DELETE', `maps/${encodeURIComponent(map_id)}`);
+    await this.answer(this.client.DELETE('/api/v1/maps/{map_id}', { params: { path: { map_id } } }));
   }
 
   tileUrl(map_id: string): string {

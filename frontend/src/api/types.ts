@@ -1,4 +1,11 @@
-/** What the station says on its sockets and over REST. Units are in the names; degrees, as everywhere at the edges. */
+/**
+ * What the station says on its sockets, by hand; what it says over REST comes from its own description (schema.d.ts).
+ * Units are in the names; degrees, as everywhere at the edges.
+ */
+
+import type { components } from './schema';
+
+type Schemas = components['schemas'];
 
 export type Mode = 'gps' | 'vision' | 'dead_reckoning' | 'lost';
 export type Severity = 'info' | 'caution' | 'warning';
@@ -6,80 +13,22 @@ export type Severity = 'info' | 'caution' | 'warning';
 /** The station turns NaN and infinity into null. */
 export type Maybe<T> = T | null;
 
-export interface Ellipse95 {
-  semi_major_m: number;
-  semi_minor_m: number;
-  azimuth_deg: number;
-}
+export type Ellipse95 = Schemas['EllipseBody'];
 
 interface Envelope {
   seq: number;
   t_unix_us: number;
 }
 
-export interface VehicleSummary {
-  id: string;
-  vehicle_type?: Maybe<string>;
-  simulated?: boolean;
-  connected?: boolean;
-  replay?: boolean;
-  video_source?: Maybe<string>;
-  [more: string]: unknown;
-}
-
-export interface MapBounds {
-  south_deg: number;
-  west_deg: number;
-  north_deg: number;
-  east_deg: number;
-}
-
-export interface MapSummary {
-  id: string;
-  name: string;
-  kind: 'imagery' | 'elevation';
-  gsd_m: Maybe<number>;
-  bounds: MapBounds;
-  crs?: string;
-  bands?: number;
-  size?: unknown;
-  source_file?: Maybe<string>;
-}
-
-export interface TargetProperties {
-  name: string;
-  mgrs: Maybe<string>;
-  lat_deg: number;
-  lon_deg: number;
-  alt_amsl_m: Maybe<number>;
-  method: string;
-  vehicle_id: Maybe<string>;
-  frame_id: Maybe<number>;
-  t_unix_us: Maybe<number>;
-  u_px: Maybe<number>;
-  v_px: Maybe<number>;
-  std_n_m: Maybe<number>;
-  std_e_m: Maybe<number>;
-  std_d_m: Maybe<number>;
-  cov_ne_m2: Maybe<number>;
-  ce90_m: Maybe<number>;
-  ellipse95: Maybe<Ellipse95>;
-  created_unix_us: number;
-  updated_unix_us: number;
-  version: number;
-}
-
-export interface Target {
-  type: 'Feature';
-  id: string;
-  geometry: { type: 'Point'; coordinates: number[] };
-  properties: TargetProperties;
-}
-
-export interface TargetCollection {
-  type: 'FeatureCollection';
-  features: Target[];
-}
+/** An older station, or one that has only just met the vehicle, may know less. */
+export type VehicleSummary = Partial<Schemas['VehicleBody']> & { id: string };
+export type MapBounds = Schemas['MapBounds'];
+export type MapSummary = Schemas['MapBody'];
+export type Target = Schemas['TargetFeature'];
+export type TargetProperties = Schemas['TargetProperties'];
+export type TargetCollection = Schemas['TargetCollection'];
+export type Flight = Schemas['FlightBody'];
+export type TrackCollection = Schemas['TrackCollection'];
 
 export interface Alarm {
   id: string;
@@ -295,19 +244,6 @@ export interface FrameHeader {
   latency_ms: Maybe<number>;
 }
 
-export interface Flight {
-  id: string;
-  name: Maybe<string>;
-  start_unix_us?: Maybe<number>;
-  duration_s?: Maybe<number>;
-  bytes?: Maybe<number>;
-  recording?: boolean;
-  read_only?: boolean;
-  warnings?: string[];
-  problem?: Maybe<string>;
-  [more: string]: unknown;
-}
-
 /** RFC 9457. */
 export interface Problem {
   type?: string;
@@ -315,13 +251,4 @@ export interface Problem {
   status?: number;
   detail?: string;
   errors?: unknown;
-}
-
-export interface TrackCollection {
-  type: 'FeatureCollection';
-  features: {
-    type: 'Feature';
-    geometry: { type: 'LineString'; coordinates: number[][] };
-    properties: { times_unix_us?: number[]; source?: string; epoch?: number };
-  }[];
 }

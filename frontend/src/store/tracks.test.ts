@@ -79,7 +79,7 @@ describe('TrackBook', () => {
         {
           type: 'Feature',
           geometry: { type: 'LineString', coordinates: [[15.6, 58.4, 80], [15.6, 58.4001, 80]] },
-          properties: { times_unix_us: [18e6, 19e6] },
+          properties: { source: 'vision', vehicle_id: '1', epoch: 0, times_unix_us: [18e6, 19e6] },
         },
       ],
     });
@@ -91,7 +91,7 @@ describe('TrackBook', () => {
     const piece = (epoch: number, lon_deg: number) => ({
       type: 'Feature' as const,
       geometry: { type: 'LineString' as const, coordinates: [[lon_deg, 58.4], [lon_deg, 58.401]] },
-      properties: { times_unix_us: [1e6, 2e6], epoch },
+      properties: { source: 'gps', vehicle_id: '1', epoch, times_unix_us: [1e6, 2e6] },
     });
     book.prime('1', 'gps', { type: 'FeatureCollection', features: [piece(1, 15.5), piece(2, 15.6)] });
     expect(book.of('1').gps.length).toBe(2);

@@ -133,8 +133,8 @@ export class TrackBook {
     const older: TrackPoint[] = [];
     const epoch = this.entry(vehicle_id).epoch ?? tracks.features[tracks.features.length - 1]?.properties.epoch;
     for (const feature of tracks.features) {
-      if (feature.properties.epoch !== undefined && feature.properties.epoch !== epoch) continue;
-      const times = feature.properties.times_unix_us ?? [];
+      if (feature.properties.epoch !== epoch) continue;
+      const times = feature.properties.times_unix_us;
       feature.geometry.coordinates.forEach((coordinates, i) => {
         older.push({ ...latLon(coordinates), t_unix_us: times[i] ?? 0 });
       });
