@@ -27,8 +27,17 @@ from estimator.measurements.picture_to_picture import OdometryConfig, VisualOdom
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.alignment import MatcherConfig, Registrar
 from estimator.types import (
-    AttitudeSample, BarometerSample, CameraAttitudeSample, FixReport, Float, FrameSample, GnssSample, HomeSample,
-    InertialSample, Mode, NavigationState, Sample,
+    AttitudeSample,
+    BarometerSample,
+    CameraAttitudeSample,
+    FixReport,
+    Float,
+    FrameSample,
+    GnssSample,
+    InertialSample,
+    Mode,
+    NavigationState,
+    Sample,
 )  # fmt: skip
 
 GROUPS = (
@@ -303,7 +312,11 @@ class Navigator:
             clone = Clone(camera_pos, q_from_matrix(camera.ned_from_camera))
             eskf.clone(clone, camera_rotation_jacobian(camera, eskf))
         self.stage_seconds["odometry"] += self._clock_s() - started
-        if self._fixer is None or self._odometry.frozen or not self._due("fix", sample.t_us, self.config.fix_interval_s):
+        if (
+            self._fixer is None
+            or self._odometry.frozen
+            or not self._due("fix", sample.t_us, self.config.fix_interval_s)
+        ):
             return None
         started = self._clock_s()
         ground_down = float(self._ground_down(camera_pos))

@@ -37,9 +37,7 @@ class ReferenceMap(Protocol):
     def gsd_m(self) -> float:
         """Ground sample distance, metres per pixel."""
 
-    def window(
-        self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float
-    ) -> MapWindow:
+    def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> MapWindow:
         """The imagery of a rectangle; what lies off the map is invalid."""
 
 

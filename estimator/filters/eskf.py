@@ -70,13 +70,13 @@ class ProcessNoise:
     scale factor, coning and quantisation land here too.
     """
 
-    accelerometer_m_s2_rt_s: float = 0.06
-    gyroscope_rad_rt_s: float = 0.0015
+    accelerometer_m_s2_rt_s: float = 0.04
+    gyroscope_rad_rt_s: float = 0.0004
     accelerometer_bias_m_s2_rt_s: float = 0.003
     gyroscope_bias_rad_s_rt_s: float = 2e-5
     barometer_bias_m_rt_s: float = 0.12
     boresight_rad_rt_s: float = 1e-4
-    attitude_bias_std_rad: tuple[float, float, float] = (0.009, 0.009, 0.03)
+    attitude_bias_std_rad: tuple[float, float, float] = (0.006, 0.006, 0.03)
     attitude_bias_time_s: float = 120.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)

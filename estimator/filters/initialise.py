@@ -116,9 +116,7 @@ class InitialConditions:
         )  # fmt: skip
 
 
-def aligned(
-    first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: ProcessNoise
-) -> tuple[Nominal, Float]:
+def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: ProcessNoise) -> tuple[Nominal, Float]:
     """Nominal state and covariance (n, n) from the first estimate."""
     nominal = Nominal(first.motion, np.zeros(3), np.zeros(3), first.barometer_bias_m, np.zeros(3), np.zeros(3))
     std = np.zeros(layout.size)

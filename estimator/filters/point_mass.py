@@ -121,10 +121,10 @@ class PointMassFilter:
         self.density = np.maximum(density, 0.0) / max(float(density.sum()), 1e-300)
         self.north_max_m, self.east_min_m, self.cell_m = north_max, east_min, cell_m
 
-    def update(self, likelihood: Float, north_max_m: float, east_min_m: float, exponent: float) -> None:
-        """Multiply by a likelihood given on its own grid of the same cell size; outside it counts as its minimum.
+    def update(self, likelihood: Float, north_max_m: float, east_min_m: float) -> None:
+        """Multiply by a likelihood (rows, cols) of mean one on its own grid of the same cell size.
 
-        ``likelihood`` (rows, cols) has mean one; ``exponent`` tempers it for dependence on earlier ones.
+        Outside its grid it counts as its minimum.
         """
         rows, cols = self.density.shape
         matrix = np.array(
@@ -138,8 +138,7 @@ class PointMassFilter:
         here = cv2.warpAffine(
             likelihood, matrix, (cols, rows), flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=floor
         )
-        here = np.maximum(here, 1e-12) ** exponent
-        posterior = self.density * here
+        posterior = self.density * np.maximum(here, 1e-12)
         evidence = float(posterior.sum())
         lost = self.lost_probability + (1.0 - self.lost_probability) * self.config.lost_leak
         on_grid = (1.0 - lost) * evidence

@@ -12,9 +12,7 @@ HORIZONTAL_VELOCITY_STD_M_S = 0.4
 VERTICAL_VELOCITY_STD_M_S = 0.8
 
 
-def position(
-    eskf: ErrorStateFilter, pos_ned_m: Float, std_horizontal_m: float, std_vertical_m: float
-) -> Innovation:
+def position(eskf: ErrorStateFilter, pos_ned_m: Float, std_horizontal_m: float, std_vertical_m: float) -> Innovation:
     """Innovation of a position (3,) in the local frame."""
     z = pos_ned_m - eskf.nominal.motion.pos_ned_m
     H = eskf.layout.jacobian(3, position=np.eye(3))

@@ -36,13 +36,13 @@ class MapFixConfig:
     search_sigmas: float = 3.5
     min_search_m: float = 6.0
     max_search_m: float = 160.0
-    correlation_share: float = 0.25
-    min_weight: float = 0.03
+    correlation_share: float = 0.15
+    min_weight: float = 0.05
     max_outlier_probability: float = 0.5
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
-    heading_floor_rad: float = 0.006
-    scale_floor: float = 0.006
+    heading_floor_rad: float = 0.003
+    scale_floor: float = 0.003
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
 
 
@@ -124,9 +124,9 @@ class MapFixer:
         weight = self._weight(predicted_ne, match.footprint_m)
         prior = density.moments()
         values, north_max, east_min = likelihood(
-            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m
+            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m, weight
         )
-        density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min, weight)
+        density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
         self._density = density
         measured_ne = predicted_ne + match.displacement_ne_m
@@ -145,9 +145,7 @@ class MapFixer:
         self._last_t_us = frame.t_us
         return self._report(frame, started, reason, match, measured_ne, posterior)
 
-    def _predicted_density(
-        self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int
-    ) -> PointMassFilter:
+    def _predicted_density(self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int) -> PointMassFilter:
         if self._density is None:
             return PointMassFilter(predicted_ne_m, H @ eskf.P @ H.T + np.eye(2) * 0.01, self.config.point_mass)
         moved = predicted_ne_m - self._last_pos_ne_m

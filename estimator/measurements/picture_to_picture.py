@@ -23,10 +23,10 @@ class OdometryConfig:
     """``interval_s`` thins out fast video; ``frozen_difference`` is the mean grey change below which nothing moved."""
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
-    interval_s: float = 0.06
+    interval_s: float = 0.25
     max_gap_s: float = 2.5
     pixel_std_px: float = 0.5
-    relative_std: float = 0.015
+    relative_std: float = 0.006
     frozen_difference: float = 0.02
 
 

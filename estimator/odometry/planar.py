@@ -87,8 +87,8 @@ def displacement_residual(
     mean = residuals[inlier].mean(axis=0)
     scatter = np.cov(residuals[inlier].T)
     displacement = float(np.hypot(*(pos_second_ned_m - pos_first_ned_m)[:2]))
-    # neighbouring tracks share the error of the relief below them: a quarter of them counts
-    cov = scatter / max(count / 4.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
+    # neighbouring tracks share the error of the relief below them: a third of them counts
+    cov = scatter / max(count / 3.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
     by_pos_first = _by_position(slope_first[inlier])
     by_pos_second = -_by_position(slope_second[inlier])
     return DisplacementResidual(

@@ -91,9 +91,7 @@ class CornerTracker:
         )  # fmt: skip
         if not good.any():
             return None
-        return Tracks(
-            self._corners.reshape(-1, 2)[good].astype(np.float64), uv[good].astype(np.float64)
-        )
+        return Tracks(self._corners.reshape(-1, 2)[good].astype(np.float64), uv[good].astype(np.float64))
 
     def _replenished(self, image: Image, followed_uv_px: Float) -> np.ndarray:
         config = self.config

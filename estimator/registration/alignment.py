@@ -301,8 +301,11 @@ def _vertex(
     """Best value of a hypothesis parameter and its standard deviation, from a parabola through the log likelihoods."""
     values = sorted(tried, key=parameter)
     index = values.index(best)
-    if len(values) < 3 or index in (0, len(values) - 1):
+    if len(values) < 3:
         return parameter(best), float("inf")
+    if index in (0, len(values) - 1):
+        # the best lies beyond the hypotheses: a step towards it is known, no more
+        return parameter(best), abs(parameter(values[1]) - parameter(values[0]))
     around = values[index - 1 : index + 2]
     x = np.array([parameter(a) for a in around])
     samples = config.calibration.effective_fraction * best.pixels

@@ -23,8 +23,8 @@ class LikelihoodCalibration:
 
     version: str = "double_angle/1"
     effective_fraction: float = 0.10
-    map_std_m: float = 0.45
-    map_std_px: float = 0.35
+    map_std_m: float = 0.3
+    map_std_px: float = 0.2
     floor: float = 0.01
 
 
@@ -36,9 +36,16 @@ def log_ratio(surface: NDArray[np.floating], samples: float) -> Float:
 
 
 def likelihood(
-    correlation: Correlation, calibration: LikelihoodCalibration, outlier_probability: float, step_m: float
+    correlation: Correlation,
+    calibration: LikelihoodCalibration,
+    outlier_probability: float,
+    step_m: float,
+    weight: float = 1.0,
 ) -> tuple[Float, float, float]:
     """Likelihood of each displacement on a grid of ``step_m``, relative to a uniform one.
+
+    ``weight`` in (0, 1] tempers what an inlier says for its dependence on earlier pictures, not the chance that it is
+    an outlier: tempering the floor too would leave a far prior without any pull.
 
     Returns
     -------
@@ -57,9 +64,9 @@ def likelihood(
     col_at = (np.arange(shape[1], dtype=np.float32) / np.float32(ratio))[None].repeat(shape[0], axis=0)
     fine = cv2.remap(surface, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     log_p = log_ratio(fine, calibration.effective_fraction * correlation.pixels)
-    p = np.exp(log_p - log_p.max())
+    p = np.exp(weight * (log_p - log_p.max()))
     spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
-    p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m, 0.3), borderType=cv2.BORDER_CONSTANT)
+    p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m / np.sqrt(weight), 0.3), borderType=cv2.BORDER_CONSTANT)
     p /= p.mean()
     outlier = max(outlier_probability, calibration.floor)
     values: Float = (1.0 - outlier) * p + outlier

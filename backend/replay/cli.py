@@ -1,0 +1,132 @@
+"""``pilotage replay`` and ``pilotage evaluate``."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress, TimeRemainingColumn
+from rich.table import Table
+
+from backend.errors import StationError
+from backend.link.dialect import message_layouts
+from backend.replay.offline import ReplayOptions, ReplayResult, replay_flight
+from backend.video.errors import VideoError
+from estimator.navigator import NavigatorConfig
+from geodata.errors import GeodataError
+from geodata.flight import FlightFolder
+
+LeaveOut = Annotated[
+    list[str] | None, typer.Option("--leave-out", help="A MAVLink message to take out of the log; repeatable.")
+]
+Offset = Annotated[
+    float | None, typer.Option("--time-offset-s", help="Added to frame times, instead of what the folder says.")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("replay")(replay)
+    app.command("evaluate")(evaluate)
+
+
+def replay(
+    flight: Annotated[Path, typer.Argument(help="A flight folder, the one that holds flight.json.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder for estimate.csv, fixes.csv, targets.csv and reports.")],
+    leave_out: LeaveOut = None,
+    time_offset_s: Offset = None,
+) -> None:
+    """Run the estimator over a recorded flight, as fast as it goes.
+
+    Example: pilotage replay flights/2026-05-01 --out results
+    """
+    console = Console(stderr=True)
+    with _reported_errors(console):
+        result = _replayed(flight, out, _options(leave_out, time_offset_s), console)
+        timing = result.report["timing"]
+        typer.echo(
+            f"{result.report['flight']}: {timing['flight_s']:.0f} s in {timing['elapsed_s']:.1f} s "
+            f"({timing['times_real_time']:.1f}x real time), {result.report['fixes']['accepted']} of "
+            f"{result.report['fixes']['attempted']} fixes accepted; written to {out}"
+        )
+        _print_errors([(result.report["flight"], result)])
+
+
+def evaluate(
+    flights: Annotated[list[Path], typer.Argument(help="Flight folders that have a truth.csv.")],
+    leave_out: LeaveOut = None,
+    time_offset_s: Offset = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the whole result as JSON.")] = False,
+) -> None:
+    """Replay flights and print the errors against their truth.
+
+    Example: pilotage evaluate flights/one flights/two
+    """
+    console = Console(stderr=True)
+    results: list[tuple[str, ReplayResult]] = []
+    with _reported_errors(console), tempfile.TemporaryDirectory() as scratch:
+        for number, flight in enumerate(flights):
+            options = _options(leave_out, time_offset_s)
+            result = _replayed(flight, Path(scratch) / str(number), options, console)
+            if result.evaluation is None:
+                raise StationError(f"{flight}: no truth.csv that overlaps the flight; nothing to evaluate against")
+            results.append((result.report["flight"], result))
+        if as_json:
+            typer.echo(json.dumps([result.report for _, result in results], indent=1))
+        else:
+            _print_errors(results)
+
+
+def _options(leave_out: list[str] | None, time_offset_s: float | None) -> ReplayOptions:
+    ids = frozenset(_known_id(name) for name in leave_out or [])
+    return replace(ReplayOptions(config=NavigatorConfig()), leave_out=ids, time_offset_s=time_offset_s)
+
+
+def _known_id(name: str) -> int:
+    for msg_id, layout in message_layouts().items():
+        if layout.name == name.upper():
+            return msg_id
+    raise typer.BadParameter(f"no MAVLink message is called {name!r}")
+
+
+def _replayed(flight: Path, out: Path, options: ReplayOptions, console: Console) -> ReplayResult:
+    folder = FlightFolder.open(flight)
+    for warning in folder.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False)
+    with _progress(console, folder.name) as tell:
+        return replay_flight(folder, out, tell, options)
+
+
+@contextmanager
+def _progress(console: Console, what: str) -> Iterator[Callable[[float], None]]:
+    with Progress(*Progress.get_default_columns(), TimeRemainingColumn(), console=console, transient=True) as bar:
+        task = bar.add_task(what, total=1.0)
+        yield lambda done: bar.update(task, completed=done)
+
+
+@contextmanager
+def _reported_errors(console: Console) -> Iterator[None]:
+    try:
+        yield
+    except (StationError, GeodataError, VideoError, OSError) as error:
+        console.print(f"error: {error}", style="red", markup=False)
+        raise typer.Exit(1) from None
+
+
+def _print_errors(results: list[tuple[str, ReplayResult]]) -> None:
+    table = Table("flight", "rms m", "median m", "95 % m", "max m", "vertical rms m", "inside 95 %", "NEES", "gap s")
+    for name, result in results:
+        e = result.evaluation
+        if e is not None:
+            h = e.horizontal_m
+            figures = (h.rms, h.p50, h.p95, h.largest, e.vertical_m.rms, e.inside_95_ellipse, e.nees_2d_mean)
+            table.add_row(name, *(f"{value:.2f}" for value in figures), f"{e.longest_gap_s:.2f}")
+    if table.row_count:
+        Console().print(table)

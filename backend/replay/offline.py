@@ -1,0 +1,322 @@
+"""Offline replay of a flight folder: as fast as it goes, deterministic, through the same link and estimator as live."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from backend.errors import StationError
+from backend.link.events import SampleEvent
+from backend.link.tlog import LinkReplay
+from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
+from backend.replay.report import write_report
+from backend.replay.targets import locate_clicks, write_targets
+from backend.video.recorded import RecordedFrame, RecordedVideo
+from estimator.evaluate import Evaluation, evaluate
+from estimator.geometry.rotation import euler_from_q
+from estimator.navigator import Navigator, NavigatorConfig
+from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, NavigationState, Sample
+from geodata.flight import FlightFolder
+from geodata.flight_write import CsvAppender
+
+# a sample may be logged this long after the picture that it belongs with was taken
+LOOKAHEAD_US = 250_000
+STATE_INTERVAL_US = 100_000
+ESTIMATE_COLUMNS = (
+    "time_us", "lat_deg", "lon_deg", "alt_amsl_m", "roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps",
+    "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2", "mode",
+)  # fmt: skip
+FIX_COLUMNS = (
+    "time_us", "kind", "accepted", "reason", "north_m", "east_m", "std_n_m", "std_e_m", "score", "outlier_probability",
+    "heading_correction_deg", "scale_correction", "frame", "elapsed_ms",
+)  # fmt: skip
+
+
+class ReplayError(StationError):
+    """A flight that cannot be replayed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayOptions:
+    """``leave_out`` names MAVLink messages that are taken out of the log; ``time_offset_s`` overrides the folder's."""
+
+    leave_out: frozenset[int] = frozenset()
+    time_offset_s: float | None = None
+    config: NavigatorConfig = field(default_factory=NavigatorConfig)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayResult:
+    """What a replay found; ``evaluation`` is None without truth."""
+
+    states: list[NavigationState]
+    fixes: list[FixReport]
+    evaluation: Evaluation | None
+    report: dict[str, Any]
+
+
+def replay_flight(
+    folder: FlightFolder, out: Path, progress: Callable[[float], None] | None = None,
+    options: ReplayOptions | None = None,
+) -> ReplayResult:  # fmt: skip
+    """Run the estimator over a flight and write ``estimate.csv``, ``fixes.csv``, ``targets.csv`` and the report.
+
+    Raises
+    ------
+    ReplayError
+        The folder lacks what the estimator cannot do without.
+    """
+    options = options or ReplayOptions()
+    started = time.perf_counter()
+    setup = navigation_setup(folder)
+    run = _Run(folder, setup, options)
+    run.go(progress)
+    if not run.states:
+        waiting = run.navigator.waiting_for or "anything to work on"
+        raise ReplayError(f"{folder.path}: no estimate: the estimator was still waiting for {waiting} at the end")
+    evaluation = evaluate_against_truth(folder, run.states)
+    targets = locate_clicks(folder, setup, run.navigator_states, run.time_offset_us)
+    elapsed_s = time.perf_counter() - started
+    report = _report(folder, run, evaluation, elapsed_s)
+    out.mkdir(parents=True, exist_ok=True)
+    _write_estimate(out / "estimate.csv", run.states)
+    _write_fixes(out / "fixes.csv", run.fixes)
+    write_targets(out / "targets.csv", targets)
+    report["targets"] = len(targets)
+    (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n")
+    write_report(out / "report.html", folder, report, run.states)
+    return ReplayResult(run.states, run.fixes, evaluation, report)
+
+
+def navigation_setup(folder: FlightFolder) -> NavigationSetup:
+    """Camera, map and ground of a flight folder."""
+    place = _place(folder)
+    files = MapFiles(None, folder.reference_path, folder.elevation_path, None)
+    return build_setup(profile_of_flight(folder.meta), files, place)
+
+
+def _place(folder: FlightFolder) -> Place:
+    home = folder.meta.home
+    if home is not None:
+        return Place(math.radians(home.lat_deg), math.radians(home.lon_deg), home.alt_amsl_m)
+    for sample in _samples(folder, frozenset()):
+        if isinstance(sample, HomeSample | GnssSample):
+            return Place(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
+    raise ReplayError(f"{folder.path}: no home in flight.json and no position in the telemetry; add home")
+
+
+def _samples(folder: FlightFolder, leave_out: frozenset[int]) -> Iterator[Sample]:
+    """The estimator's samples in the order of the log, with nothing from GPS inside the denied intervals."""
+    link = LinkReplay()
+    wanted = folder.meta.vehicle.system_id
+    for t_us, packet in folder.telemetry():
+        if leave_out and _message_id(packet) in leave_out:
+            continue
+        for event in link.feed(t_us, packet):
+            if not isinstance(event, SampleEvent) or (wanted is not None and event.system_id != wanted):
+                continue
+            if isinstance(event.sample, GnssSample) and (
+                folder.is_gps_denied(t_us) or folder.is_gps_denied(event.sample.t_us)
+            ):
+                continue
+            yield event.sample
+
+
+def _message_id(packet: bytes) -> int:
+    """Message id of a framed packet, -1 where it is too short to hold one."""
+    if len(packet) >= 10 and packet[0] == 0xFD:
+        return int.from_bytes(packet[7:10], "little")
+    return packet[5] if len(packet) >= 6 else -1
+
+
+class _Run:
+    """One pass over a flight."""
+
+    def __init__(self, folder: FlightFolder, setup: NavigationSetup, options: ReplayOptions) -> None:
+        self.folder = folder
+        self.navigator: Navigator = replace_config(setup, options.config)
+        offset_s = options.time_offset_s
+        # an offset that the folder calls unknown is taken as none until it is estimated
+        self.time_offset_us = (folder.time_offset_us or 0) if offset_s is None else round(offset_s * 1e6)
+        self.states: list[NavigationState] = []
+        self.navigator_states = self.navigator.state_at
+        self.fixes: list[FixReport] = []
+        self.frames = 0
+        self.frames_untimed = 0
+        self.decode_s = 0.0
+        self._setup = setup
+        self._samples = _samples(folder, options.leave_out)
+        self._next: Sample | None = next(self._samples, None)
+
+    def go(self, progress: Callable[[float], None] | None) -> None:
+        first_us, last_us = self.folder.telemetry_span()
+        told = -1.0
+        for frame in self._timed_frames():
+            self._offer_until(frame.t_us + LOOKAHEAD_US)
+            if frame.image.size:
+                self.navigator.offer(frame)
+            self._advance(frame.t_us)
+            done = min(max((frame.t_us - first_us) / max(last_us - first_us, 1), 0.0), 1.0)
+            if progress is not None and done - told > 0.005:
+                progress(done)
+                told = done
+        # telemetry goes on after the last picture
+        while self._next is not None:
+            t_us = self._next.t_us + STATE_INTERVAL_US
+            self._offer_until(t_us)
+            self._advance(t_us - STATE_INTERVAL_US)
+        if progress is not None:
+            progress(1.0)
+
+    def _offer_until(self, t_us: int) -> None:
+        while self._next is not None and self._next.t_us <= t_us:
+            self.navigator.offer(self._next)
+            self._next = next(self._samples, None)
+
+    def _advance(self, t_us: int) -> None:
+        self.fixes += self.navigator.advance(t_us)
+        state = self.navigator.state
+        if state is None or (self.states and state.t_us - self.states[-1].t_us < STATE_INTERVAL_US):
+            return
+        self.states.append(state)
+
+    def _timed_frames(self) -> Iterator[FrameSample]:
+        """Pictures with their exposure times; gaps in the video are bridged by empty pictures that only pass time."""
+        path = self.folder.video_path
+        if path is None or not self._setup.has_camera:
+            return
+        last_us: int | None = None
+        frames = RecordedVideo.open(path).frames()
+        while True:
+            started = time.perf_counter()
+            frame: RecordedFrame | None = next(frames, None)
+            self.decode_s += time.perf_counter() - started
+            if frame is None:
+                return
+            pts_s = None if math.isnan(frame.pts_s) else frame.pts_s
+            t_us = self.folder.frame_time_us(frame.index, pts_s)
+            if t_us is None:
+                self.frames_untimed += 1
+                continue
+            t_us += self.time_offset_us
+            self._check_size(frame)
+            if last_us is None:
+                last_us = min(t_us, self._next.t_us if self._next is not None else t_us)
+            while t_us - last_us > 2 * STATE_INTERVAL_US:
+                last_us += STATE_INTERVAL_US
+                yield FrameSample(last_us, -1, np.empty((0, 0), dtype=np.uint8))
+            last_us = max(last_us, t_us)
+            self.frames += 1
+            yield FrameSample(t_us, frame.index, frame.image)
+
+    def _check_size(self, frame: RecordedFrame) -> None:
+        camera = self._setup.camera
+        if frame.image.shape[:2] != (camera.height_px, camera.width_px):
+            rows, cols = frame.image.shape[:2]
+            raise ReplayError(
+                f"{self.folder.path}: the video's pictures are {cols} x {rows} px but camera in flight.json says "
+                f"{camera.width_px} x {camera.height_px} px; give the camera of this video"
+            )
+
+
+def replace_config(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:
+    """A Navigator of the setup with a configuration of its own; history long enough for a whole flight."""
+    config = replace(config, history_s=1e6)
+    return Navigator(config, setup.camera, setup.mount, setup.gimbal, setup.frame, setup.reference, setup.ground)
+
+
+def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) -> Evaluation | None:
+    """Errors of states inside the denied intervals, or of all where nothing was denied; None without truth."""
+    truth = folder.truth()
+    if truth is None or len(truth.t_unix_us) < 2:
+        return None
+    inside = [s for s in states if truth.t_unix_us[0] <= s.t_us <= truth.t_unix_us[-1]]
+    if not inside:
+        return None
+    from_truth = build_setup(None, MapFiles(None, None, None, None), _truth_place(truth)).frame
+    t_us = np.array([s.t_us for s in inside], dtype=np.float64)
+    true_ned = from_truth.ned_from_geodetic(truth.lat_rad, truth.lon_rad, truth.alt_amsl_m)
+    here = from_truth.ned_from_geodetic(*(np.array([getattr(s, n) for s in inside]) for n in _GEODETIC))
+    at: Float = np.stack([np.interp(t_us, truth.t_unix_us, true_ned[:, axis]) for axis in range(3)], axis=-1)
+    cov = np.array([s.cov_pos_ned_m2[:2, :2] for s in inside])
+    spans = [(max(a, int(truth.t_unix_us[0])), min(b, int(truth.t_unix_us[-1]))) for a, b in folder.meta.gps_denied]
+    spans = [span for span in spans if span[0] < span[1]]
+    return evaluate(t_us, here - at, cov, spans or [(int(t_us[0]), int(t_us[-1]))])
+
+
+_GEODETIC = ("lat_rad", "lon_rad", "alt_amsl_m")
+
+
+def _truth_place(truth: Any) -> Place:
+    return Place(float(truth.lat_rad[0]), float(truth.lon_rad[0]), float(truth.alt_amsl_m[0]))
+
+
+def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elapsed_s: float) -> dict[str, Any]:
+    span_s = (run.states[-1].t_us - run.states[0].t_us) / 1e6
+    accepted = sum(report.accepted for report in run.fixes)
+    modes = [str(state.mode) for state in run.states]
+    return {
+        "flight": folder.name,
+        "estimator": {"process_models": sorted({s.process_model for s in run.states})},
+        "errors": None if evaluation is None else evaluation.as_dict(),
+        "frames": {"used": run.frames, "without_time": run.frames_untimed},
+        "fixes": {"attempted": len(run.fixes), "accepted": accepted, "refused": _reasons(run.fixes)},
+        "samples": run.navigator.counts,
+        "modes": {mode: modes.count(mode) / len(modes) for mode in sorted(set(modes))},
+        "timing": {
+            "elapsed_s": elapsed_s,
+            "flight_s": span_s,
+            "times_real_time": span_s / elapsed_s if elapsed_s > 0 else 0.0,
+            "stages_s": {**run.navigator.stage_seconds, "decode": run.decode_s},
+        },
+        "warnings": list(folder.warnings),
+    }
+
+
+def _reasons(fixes: list[FixReport]) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for report in fixes:
+        if not report.accepted:
+            key = report.reason.split(" (")[0]
+            counts[key] = counts.get(key, 0) + 1
+    return counts
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{type(value).__name__} does not belong in a report")
+
+
+def _write_estimate(path: Path, states: list[NavigationState]) -> None:
+    path.unlink(missing_ok=True)
+    with CsvAppender(path, ESTIMATE_COLUMNS) as table:
+        for state in states:
+            roll, pitch, yaw = (math.degrees(angle) for angle in euler_from_q(state.q_ned_from_body))
+            cov = state.cov_pos_ned_m2
+            std = [f"{math.sqrt(max(cov[i, i], 0.0)):.4f}" for i in range(3)]
+            table.write(
+                state.t_us, f"{math.degrees(state.lat_rad):.9f}", f"{math.degrees(state.lon_rad):.9f}",
+                f"{state.alt_amsl_m:.3f}", f"{roll:.4f}", f"{pitch:.4f}", f"{yaw:.4f}",
+                *(f"{v:.3f}" for v in state.vel_ned_m_s), *std, f"{cov[0, 1]:.6f}", str(state.mode),
+            )  # fmt: skip
+
+
+def _write_fixes(path: Path, fixes: list[FixReport]) -> None:
+    path.unlink(missing_ok=True)
+    with CsvAppender(path, FIX_COLUMNS) as table:
+        for fix in fixes:
+            std = np.sqrt(np.diag(fix.cov_ne_m2))
+            table.write(
+                fix.t_us, fix.kind, int(fix.accepted), fix.reason, round(float(fix.north_m), 3), round(float(fix.east_m), 3),
+                round(float(std[0]), 3), round(float(std[1]), 3), round(fix.score, 4), round(fix.outlier_probability, 4),
+                round(math.degrees(fix.heading_correction_rad), 4), round(fix.scale_correction, 5), fix.frame_id,
+                round(fix.elapsed_ms, 2),
+            )  # fmt: skip
