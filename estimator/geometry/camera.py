@@ -282,9 +282,11 @@ class Mount:
 
 def _radius_of_growth(k1: float, k2: float, k3: float) -> float:
     """The smallest radius where r (1 + k1 r^2 + k2 r^4 + k3 r^6) has zero slope, else infinity."""
-    squares = np.roots((7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0))
-    real = squares[np.abs(squares.imag) < 1e-9 * np.abs(squares)].real
-    return math.sqrt(float(np.min(real[real > 0.0], initial=np.inf)))
+    # In 1 / r^2 the polynomial's leading coefficient is 1, whichever of the k are zero or next to it.
+    inverse = np.roots((1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3))
+    real = inverse[np.abs(inverse.imag) < 1e-9 * np.abs(inverse)].real
+    largest = float(np.max(real, initial=0.0))
+    return 1.0 / math.sqrt(largest) if largest > 0.0 else math.inf
 
 
 def _masked(x: Float, y: Float, keep: NDArray[np.bool_]) -> Float:

@@ -158,7 +158,7 @@ def isa_pressure_alt_m(pressure_pa: Float) -> Float: ...
 def isa_pressure_alt_m(pressure_pa: float | Float) -> float | Float:
     """Pressure altitude: where the standard atmosphere (ISO 2533) has this pressure; NaN outside -5 to 20 km."""
     pressure = np.asarray(pressure_pa, dtype=np.float64)
-    pressure = np.where(pressure > 0.0, pressure, np.nan)
+    pressure = np.where((pressure > 0.0) & np.isfinite(pressure), pressure, np.nan)
     below = np.maximum(pressure, _ISA_P11_PA)
     alt = (_ISA_T0_K / _ISA_LAPSE_K_M) * (1.0 - (below / _ISA_P0_PA) ** (1.0 / _ISA_EXPONENT))
     alt = alt + _ISA_SCALE_HEIGHT_M * np.log(below / pressure)
