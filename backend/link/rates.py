@@ -42,12 +42,14 @@ class RateRequests:
     _asked: dict[int, tuple[int, float]] = field(default_factory=dict)  # command id -> message id, rate
     granted_hz: dict[int, float] = field(default_factory=dict)
     fell_back: bool = False
+    _streams_asked: bool = False
 
     def begin(self) -> list[tuple[int, float]]:
         """Message ids and rates to ask for now."""
         self._asked.clear()
         self.granted_hz.clear()
         self.fell_back = False
+        self._streams_asked = False
         return list(self.rates_hz.items())
 
     def step(self, command_id: int, msg_id: int, rate_hz: float) -> CommandStep:
@@ -71,7 +73,10 @@ class RateRequests:
         return None
 
     def fallback_messages(self, system_id: int, component_id: int) -> list[Any]:
-        """REQUEST_DATA_STREAM for autopilots that do not know SET_MESSAGE_INTERVAL."""
+        """REQUEST_DATA_STREAM, once, for an autopilot that has shown not to know SET_MESSAGE_INTERVAL."""
+        if not self.fell_back or self._streams_asked:
+            return []
+        self._streams_asked = True
         return [
             _dialect.MAVLink_request_data_stream_message(system_id, component_id, stream, rate_hz, 1)
             for stream, rate_hz in _STREAM_RATES_HZ.items()

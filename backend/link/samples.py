@@ -64,6 +64,8 @@ _FIX_3D = 3
 SMALLEST_UNIX_US = 1_000_000_000_000_000
 # A fix is older than its packet by the receiver's and autopilot's delay, never by more.
 _MAX_FIX_AGE_US = 2_000_000
+# A second sensor's readings would look like the first one's noise.
+_FIRST_SENSOR = 0
 _HIGHRES_INERTIAL = 0x3F
 _HIGHRES_MAGNETIC = 0x1C0
 _HIGHRES_PRESSURE = 0x200
@@ -190,12 +192,16 @@ class SampleMaker:
         return made
 
     def _from_raw_imu(self, m: Any, at: Received) -> list[Sample]:
+        if m.id != _FIRST_SENSOR:
+            return []
         return self._from_milli_units(m, at.usec(m.time_usec))
 
     def _from_scaled_imu(self, m: Any, at: Received) -> list[Sample]:
         return self._from_milli_units(m, at.boot_ms(m.time_boot_ms))
 
     def _from_highres_imu(self, m: Any, at: Received) -> list[Sample]:
+        if m.id != _FIRST_SENSOR:
+            return []
         t_us = at.usec(m.time_usec)
         made: list[Sample] = []
         if m.fields_updated & _HIGHRES_INERTIAL == _HIGHRES_INERTIAL and self._inertial.accept(HIGHRES_IMU, at.t_us):
@@ -266,7 +272,7 @@ class SampleMaker:
         return []
 
     def _from_airspeed(self, m: Any, at: Received) -> list[Sample]:
-        if m.flags & _AIRSPEED_UNHEALTHY or not self._airspeed.accept(AIRSPEED, at.t_us):
+        if m.id != _FIRST_SENSOR or m.flags & _AIRSPEED_UNHEALTHY or not self._airspeed.accept(AIRSPEED, at.t_us):
             return []
         return self._airspeed_sample(at.t_us, m.airspeed)
 

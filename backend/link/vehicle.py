@@ -171,11 +171,9 @@ class Vehicle:
             self.stats.forget_sequence()
             events.append(VehicleLost(t_us, self.system_id, self.last_heartbeat_us))
             events += self._report(self._commands.abandon(t_us))
-        fell_back = self._rates.fell_back
         messages, results = self._commands.tick(t_us)
         events += self._report(results)
-        if self._rates.fell_back and not fell_back:
-            messages += self._rates.fallback_messages(self.system_id, self.component_id)
+        messages += self._rates.fallback_messages(self.system_id, self.component_id)
         events += self._texts.expire(t_us)
         return messages, events
 
