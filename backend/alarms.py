@@ -1,4 +1,4 @@
-"""Alarms with hysteresis: a condition must hold for a while before it alarms, and be gone for a while before it clears."""
+"""Alarms with hysteresis: a condition must hold for a while to alarm, and be gone for a while to clear."""
 
 from __future__ import annotations
 

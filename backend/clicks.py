@@ -5,9 +5,6 @@ from __future__ import annotations
 import asyncio
 import math
 import uuid
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError, NoGroundError, NoStateForFrameError
@@ -16,10 +13,9 @@ from backend.fleet.vehicle import VehicleView
 from backend.navigation.setup import NavigationSetup
 from backend.schemas.geometry import NewTarget
 from backend.store.targets import Target
-from estimator.types import Float, Mode, NavigationState
-
-if TYPE_CHECKING:
-    from estimator.targets.ray import RayTarget
+from estimator.errors import GeometryError
+from estimator.targets.ray import RayTarget, locate_ray
+from estimator.types import Mode, NavigationState
 
 CLICK_STD_PX = 2.0
 ASPECT_TOLERANCE = 0.01
@@ -62,11 +58,10 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, feed: VideoFeed)
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "it is outside the time that the estimator knows")
     if state.mode is Mode.LOST:
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "the estimator was lost then")
-    found = await asyncio.to_thread(_locate, state, setup, uv_px)
-    if found is None or not math.isfinite(found.lat_rad + found.lon_rad + found.alt_amsl_m):
-        raise NoGroundError(
-            body.u_px, body.v_px, "the line of sight meets no ground within the elevation model's reach"
-        )
+    try:
+        found = await asyncio.to_thread(_locate, state, setup, uv_px)
+    except GeometryError as error:
+        raise NoGroundError(body.u_px, body.v_px, str(error)) from None
     now_us = unix_us()
     cov = found.cov_ned_m2
     return Target(
@@ -78,7 +73,7 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, feed: VideoFeed)
     )  # fmt: skip
 
 
-def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: NavigationSetup) -> Float:
+def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: NavigationSetup) -> tuple[float, float]:
     """The pixel of the calibrated camera for a pixel of the video, which may be scaled but not cut."""
     if not (-0.5 <= u_px <= frame.width_px - 0.5 and -0.5 <= v_px <= frame.height_px - 0.5):
         raise InvalidRequestError(
@@ -93,12 +88,10 @@ def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: Navigati
             f"{camera.width_px} x {camera.height_px}",
         )  # fmt: skip
     # Pixel centres are whole numbers, so the edge lies at -0.5.
-    return np.array([(u_px + 0.5) * scale_u - 0.5, (v_px + 0.5) * scale_v - 0.5])
+    return (u_px + 0.5) * scale_u - 0.5, (v_px + 0.5) * scale_v - 0.5
 
 
-def _locate(state: NavigationState, setup: NavigationSetup, uv_px: Float) -> RayTarget | None:
-    from estimator.targets.ray import locate_ray
-
+def _locate(state: NavigationState, setup: NavigationSetup, uv_px: tuple[float, float]) -> RayTarget:
     return locate_ray(
         state, setup.camera, uv_px, setup.ground, setup.frame,
         ground_std_m=setup.ground_std_m, pixel_std_px=CLICK_STD_PX,

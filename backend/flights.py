@@ -41,7 +41,7 @@ class FlightShelf:
         self._checked: dict[Path, tuple[tuple[int, int], FlightEntry]] = {}
         self._lock = threading.Lock()
 
-    def list(self) -> list[FlightEntry]:
+    def all(self) -> list[FlightEntry]:
         """All flights, the newest first; broken folders last."""
         with self._lock:
             entries = [self._entry(path, name, read_only) for name, path, read_only in self._folders()]

@@ -85,7 +85,7 @@ class Hub:
         """How many mailboxes are open."""
         return len(self._mailboxes)
 
-    def message(self, kind: str, **fields: Any) -> Message:
+    def message(self, kind: str, /, **fields: Any) -> Message:
         """A numbered message; NaN and infinity become null."""
         self._seq += 1
         body = {"type": kind, "seq": self._seq, "t_unix_us": unix_us(), **fields}
@@ -95,7 +95,7 @@ class Hub:
             key = f"{kind}/{fields.get('vehicle_id', '')}/{fields.get('source', '')}/{fields.get('accepted', '')}"
         return Message(text, key)
 
-    def publish(self, kind: str, **fields: Any) -> None:
+    def publish(self, kind: str, /, **fields: Any) -> None:
         """Say something to everybody who listens."""
         if not self._mailboxes:
             self._seq += 1

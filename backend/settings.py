@@ -49,7 +49,8 @@ class Settings(BaseSettings):
         parts = value.split(",") if isinstance(value, str) else value
         if not isinstance(parts, list | tuple):
             return parts
-        return tuple(part for part in parts if not isinstance(part, str) or part.strip() not in ("", "none"))
+        stripped = (part.strip() if isinstance(part, str) else part for part in parts)
+        return tuple(part for part in stripped if part not in ("", "none"))
 
     @field_validator("video", mode="before")
     @classmethod

@@ -10,7 +10,7 @@ import uuid
 from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import structlog
 
@@ -18,9 +18,11 @@ from backend.alarms import Alarm, AlarmBoard
 from backend.clicks import clicked_target, typed_target
 from backend.clock import mono_us, unix_us
 from backend.errors import CommandRefusedError, ConflictError, StationError, UnknownSourceError, UnknownVehicleError
+from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
 from backend.fleet.feed import VideoFeed
 from backend.fleet.fleet import Fleet
+from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
 from backend.fleet.vehicle import LiveVehicle, VehicleView
 from backend.flights import FlightShelf
@@ -39,14 +41,10 @@ from backend.store.database import Database
 from backend.store.lock import DataDirLock
 from backend.store.targets import Target, TargetChange, TargetStore
 from backend.ticker import Ticker
-from estimator.types import FixReport
+from estimator.types import FixReport, FrameSample
 from geodata.errors import GeodataError
 from geodata.flight_meta import HomeMeta, VehicleMeta
 from geodata.maps import MapKind
-
-if TYPE_CHECKING:
-    from backend.fleet.cameras import Camera, FrameForEstimator
-    from backend.fleet.links import LinkEndpoint
 
 _log = structlog.get_logger(__name__)
 
@@ -66,11 +64,13 @@ class Station:
         self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
         self.recorder = Recorder(settings.data_dir / "flights")
         self.fleet = Fleet(
-            settings.estimator_delay_ms * 1000, self.hub.publish, self._place_vehicle, self._on_state, self._on_reports
-        )
+            settings.estimator_delay_ms * 1000, self.hub.publish,
+            on_heard=self._on_heard, on_place=self._place_vehicle, on_state=self._on_state,
+            on_reports=self._on_reports,
+        )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
         self.links: list[LinkEndpoint] = []
-        self.camera: Camera | None = None
+        self.camera: LiveCamera | None = None
         self.profile: CameraProfile | None = None
         self._lock = DataDirLock(settings.data_dir)
         self._database: Database | None = None
@@ -103,17 +103,14 @@ class Station:
             self._targets = TargetStore(self._database)
             self._target_names = len(await self._targets.all())
             await self.maps.choose(self.settings.map)
-            if self.settings.mavlink:
-                from backend.fleet.links import LinkEndpoint
-                self.links = [
-                    LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
-                ]
+            self.links = [
+                LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
+            ]
             if self.settings.video is not None:
-                from backend.fleet.cameras import Camera
-
-                self.camera = Camera(
-                    self.settings, self.profile, self.metrics, self.recorder, self._on_picture, self._map_vehicle_time
-                )
+                self.camera = LiveCamera(
+                    self.settings.video, self._time_offset_s(), self.profile, self.metrics, self.recorder,
+                    self._on_picture, self._map_vehicle_time,
+                )  # fmt: skip
             for link in self.links:
                 await link.start()
             if self.camera is not None:
@@ -139,6 +136,7 @@ class Station:
         for link in self.links:
             await link.close()
         if self.camera is not None:
+            self.camera.close_audience()
             await asyncio.to_thread(self.camera.close)
         await asyncio.to_thread(self.fleet.close)
         self.maps.close()
@@ -302,11 +300,10 @@ class Station:
     def _plan(self) -> RecordingPlan:
         vehicle = next(iter(self.fleet.vehicles.values()), None)
         home = None if vehicle is None else vehicle.home
-        kind = None if vehicle is None else vehicle.telemetry.vehicle_type
-        known = {"helicopter", "multirotor", "fixed_wing"}
-        meta = VehicleMeta(
-            **({"type": kind} if kind in known else {}), **({} if vehicle is None else {"system_id": vehicle.system_id})
-        )
+        facts: dict[str, Any] = {} if vehicle is None else {"system_id": vehicle.system_id}
+        if vehicle is not None and vehicle.telemetry.vehicle_type in ("helicopter", "multirotor", "fixed_wing"):
+            facts["type"] = vehicle.telemetry.vehicle_type
+        meta = VehicleMeta(**facts)
         here = None if vehicle is None else vehicle.here()
         files = None if here is None else self.maps.files_for(here)
         profile = self.profile
@@ -324,6 +321,11 @@ class Station:
             gps_denied=any(v.gps_denied for v in self.fleet.vehicles.values()),
             t_start_us=unix_us(),
         )  # fmt: skip
+
+    def _on_heard(self, vehicle: LiveVehicle) -> None:
+        if self.camera is not None:
+            self.camera.belongs_to(vehicle.id)
+        self.hub.publish("vehicle", action="created", vehicle=vehicle.summary())
 
     def _place_vehicle(self, vehicle: LiveVehicle, here: Place) -> None:
         """Set up a vehicle's estimator, in the background: the map has to be read."""
@@ -353,11 +355,14 @@ class Station:
     def _camera_vehicle(self) -> LiveVehicle | None:
         return None if self.camera is None else self.fleet.vehicles.get(self.camera.vehicle_id)
 
-    def _on_picture(self, picture: FrameForEstimator) -> None:
+    def _on_picture(self, picture: FrameSample) -> None:
         """A decoded picture, in the decoder's thread."""
         vehicle = self._camera_vehicle()
         if vehicle is not None:
-            vehicle.offer(picture.sample)
+            vehicle.offer(picture)
+
+    def _time_offset_s(self) -> float:
+        return self.settings.time_offset_s or 0.0
 
     def _map_vehicle_time(self, t_vehicle_unix_us: int) -> int | None:
         """Station time of a vehicle's Unix time, None when the link does not know it (yet)."""

@@ -22,7 +22,7 @@ TheStation = Annotated[Station, Depends(the_station)]
 @router.get("/flights")
 async def list_flights(station: TheStation) -> list[FlightBody]:
     """All flights, the newest first; a folder that cannot be used is listed with its problem."""
-    entries = await asyncio.to_thread(station.flights.list)
+    entries = await asyncio.to_thread(station.flights.all)
     return [_body(entry, station) for entry in entries]
 
 

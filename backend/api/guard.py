@@ -21,6 +21,7 @@ class OriginGuard:
         self._host = host.lower()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
         if scope["type"] in ("http", "websocket"):
             reason = self._objection(scope)
             if reason is not None:

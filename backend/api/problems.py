@@ -43,11 +43,11 @@ PROBLEM_RESPONSES: dict[int | str, dict[str, object]] = {
 
 
 def problem(
-    status: int, detail: str, kind: str = "about:blank", title: str | None = None, errors: list[dict[str, object]] | None = None,
-    headers: dict[str, str] | None = None,
+    status: int, detail: str, kind: str = "about:blank", *,
+    errors: list[dict[str, object]] | None = None, headers: dict[str, str] | None = None,
 ) -> ProblemResponse:  # fmt: skip
     """One problem as a response."""
-    body = Problem(type=kind, title=title or HTTPStatus(status).phrase, status=status, detail=detail, errors=errors)
+    body = Problem(type=kind, title=HTTPStatus(status).phrase, status=status, detail=detail, errors=errors)
     return ProblemResponse(body.model_dump(exclude_none=True), status_code=status, headers=headers)
 
 

@@ -46,7 +46,9 @@ def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody) -> 
         raise CommandRefusedError(str(error)) from None
 
 
-def steps_of(body: CommandBody, autopilot: Autopilot, kind: VehicleType) -> list[CommandStep]:
+def steps_of(  # noqa: PLR0911  one return for each command reads best
+    body: CommandBody, autopilot: Autopilot, kind: VehicleType
+) -> list[CommandStep]:
     """The MAVLink commands of one operator's command, in order."""
     match body.command:
         case "arm":

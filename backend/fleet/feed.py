@@ -25,13 +25,18 @@ class VideoFeed(Protocol):
     jpeg_audience: Audience
 
     @property
-    def source(self) -> str: ...
+    def source(self) -> str:
+        """The id of the source."""
+
     @property
-    def vehicle_id(self) -> str: ...
+    def vehicle_id(self) -> str:
+        """The vehicle that carries it."""
+
     def identify(self, frame_id: int) -> FrameIdentity:
         """A frame that is still held; FrameGoneError for others."""
 
     async def jpeg(self, frame_id: int) -> bytes:
         """A frame that is still held, as JPEG; FrameGoneError for others."""
 
-    def video_message(self) -> dict[str, Any]: ...
+    def video_message(self) -> dict[str, Any]:
+        """Fields of the ``video`` message."""

@@ -34,12 +34,13 @@ MAV_SEVERITY_ERROR = 3
 class Fleet:
     """Vehicles by id. Each belongs to the endpoint that it was last alive on.
 
-    What has to be told to others goes to ``say(kind, **fields)``; a vehicle whose estimator can be set up, now that it
-    is known where it is, goes to ``on_place``.
+    What has to be told to others goes to ``say(kind, **fields)``, a new vehicle to ``on_heard``, and a vehicle whose
+    estimator can be set up, now that it is known where it is, to ``on_place``.
     """
 
     def __init__(
         self, delay_us: int, say: Callable[..., None],
+        on_heard: Callable[[LiveVehicle], None],
         on_place: Callable[[LiveVehicle, Place], None],
         on_state: Callable[[LiveVehicle, StateUpdate], None],
         on_reports: Callable[[LiveVehicle, list[FixReport]], None],
@@ -48,6 +49,7 @@ class Fleet:
         self.link_stats: dict[str, dict[str, Any]] = {}
         self._delay_us = delay_us
         self._say = say
+        self._on_heard = on_heard
         self._on_place = on_place
         self._on_state = on_state
         self._on_reports = on_reports
@@ -90,9 +92,9 @@ class Fleet:
         vehicle.autopilot, vehicle.vehicle_type = event.autopilot, event.vehicle_type
         vehicle.last_heartbeat_us = event.t_us
         self.vehicles[key] = vehicle
-        self._say("vehicle", action="created", vehicle=vehicle.summary())
+        self._on_heard(vehicle)
 
-    def _fold(self, vehicle: LiveVehicle, endpoint: str, event: LinkEvent) -> None:
+    def _fold(self, vehicle: LiveVehicle, endpoint: str, event: LinkEvent) -> None:  # noqa: PLR0912  one case an event
         match event:
             case SampleEvent(sample=sample):
                 vehicle.offer(sample)

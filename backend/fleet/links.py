@@ -10,6 +10,7 @@ import structlog
 from backend.clock import unix_us
 from backend.errors import StartError
 from backend.fleet.fleet import Fleet
+from backend.link.events import LinkEvent
 from backend.link.framing import RawPacket
 from backend.link.link import VehicleLink
 from backend.metrics import Metrics
@@ -71,7 +72,7 @@ class LinkEndpoint:
     def _receive(self, data: bytes) -> None:
         self._take(self.link.receive(data, unix_us()))
 
-    def _take(self, events: list) -> None:  # type: ignore[type-arg]
+    def _take(self, events: list[LinkEvent]) -> None:
         for event in events:
             self._fleet.take(self.name, event)
         for packet in self.link.data_to_send():

@@ -41,7 +41,7 @@ class TrackRing:
         """Forget everything."""
         self._points.clear()
 
-    def pieces(self, since_us: int = 0) -> list[list[TrackPoint]]:
+    def pieces(self, since_us: int = -1) -> list[list[TrackPoint]]:
         """Runs of points after a time, cut at gaps and epochs."""
         pieces: list[list[TrackPoint]] = []
         for point in self._points:

@@ -57,12 +57,21 @@ class VehicleView(Protocol):
     tracks: dict[str, TrackRing]
 
     @property
-    def video_source(self) -> str | None: ...
-    def summary(self) -> dict[str, Any]: ...
-    def state_message(self) -> dict[str, Any] | None: ...
-    async def state_at(self, t_us: int) -> NavigationState | None: ...
+    def video_source(self) -> str | None:
+        """The id of its camera."""
+
     @property
-    def setup(self) -> NavigationSetup | None: ...
+    def setup(self) -> NavigationSetup | None:
+        """Camera, frame and ground, None before they are known."""
+
+    def summary(self) -> dict[str, Any]:
+        """What lists of vehicles show."""
+
+    def state_message(self) -> dict[str, Any] | None:
+        """Fields of the ``state`` message."""
+
+    async def state_at(self, t_us: int) -> NavigationState | None:
+        """The state at a time, None when it is not known."""
 
 
 class LiveVehicle:

@@ -104,7 +104,7 @@ def profile_of_flight(meta: FlightMeta) -> CameraProfile | None:
 
 def camera_of(meta: CameraMeta) -> Camera:
     """The pinhole of a camera section."""
-    return Camera(meta.width_px, meta.height_px, meta.fx_px, meta.fy_px, meta.cx_px, meta.cy_px, tuple(meta.distortion))
+    return Camera(meta.width_px, meta.height_px, meta.fx_px, meta.fy_px, meta.cx_px, meta.cy_px, meta.distortion)
 
 
 def mount_of(meta: CameraMeta) -> Mount:
@@ -118,7 +118,7 @@ def mount_of(meta: CameraMeta) -> Mount:
 
 @dataclass(frozen=True, slots=True)
 class MapFiles:
-    """Files of the reference imagery and elevation to use, and where the imagery lies (degrees, south west north east)."""
+    """Files of imagery and elevation to use; ``bounds_deg`` of the imagery are (south, west, north, east)."""
 
     map_id: str | None
     reference: Path | None

@@ -28,16 +28,25 @@ _log = structlog.get_logger(__name__)
 
 
 class NavigatorLike(Protocol):
-    """What the worker needs of `estimator.navigator.Navigator`."""
+    """What the worker needs of `estimator.navigator.Navigator`, which documents it."""
 
     gps_denied: bool
 
     @property
-    def waiting_for(self) -> str | None: ...
-    def offer(self, sample: Sample) -> None: ...
-    def advance(self, t_us: int) -> list[FixReport]: ...
-    def predict(self, t_us: int) -> NavigationState | None: ...
-    def state_at(self, t_us: int) -> NavigationState | None: ...
+    def waiting_for(self) -> str | None:
+        """What alignment still lacks."""
+
+    def offer(self, sample: Sample) -> None:
+        """Take a sample."""
+
+    def advance(self, t_us: int) -> list[FixReport]:
+        """Process the samples up to a time."""
+
+    def predict(self, t_us: int) -> NavigationState | None:
+        """The state carried on to a time."""
+
+    def state_at(self, t_us: int) -> NavigationState | None:
+        """The state at a past time."""
 
 
 @dataclass(slots=True)

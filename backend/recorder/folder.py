@@ -71,6 +71,7 @@ class FlightWriter:
         self._picture_codec = False
         self._small_bytes = 0
         self._meta = FlightMeta(
+            schema="pilotage.flight/1",
             name=name,
             vehicle=plan.vehicle,
             camera=plan.camera,

@@ -119,30 +119,28 @@ class Recorder:
 
     def packet(self, t_unix_us: int, data: bytes) -> None:
         """Record a MAVLink packet as received."""
-        self._put(_Packet, t_unix_us, data, size=len(data))
+        self._put(_Packet(t_unix_us, data), len(data))
 
     def frame(self, frame: EncodedFrame) -> None:
-        """Record a video frame as received."""
-        if self._session is not None:
-            self._session.put(frame, len(frame.payload))
+        """Record a video frame as received; from any thread."""
+        self._put(frame, len(frame.payload))
 
     def state(self, state: NavigationState) -> None:
         """Record what the estimator said."""
-        if self._session is not None:
-            self._session.put(state, 1000)
+        self._put(state, 1000)
 
     def click(self, row: ClickRow) -> None:
         """Record an operator's click."""
-        if self._session is not None:
-            self._session.put(row, 100)
+        self._put(row, 100)
 
     def gps_denied(self, denied: bool) -> None:
         """Record that GPS is kept from the estimator from now on, or no longer."""
-        self._put(_Denied, unix_us(), denied, size=20)
+        self._put(_Denied(unix_us(), denied), 20)
 
-    def _put(self, kind: Callable[..., _Record], *values: object, size: int) -> None:
-        if self._session is not None:
-            self._session.put(kind(*values), size)
+    def _put(self, record: _Record, size: int) -> None:
+        session = self._session  # one look: a stop in another thread may take it away
+        if session is not None:
+            session.put(record, size)
 
 
 class _Session:

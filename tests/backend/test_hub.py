@@ -80,3 +80,13 @@ async def test_a_closed_mailbox_gets_nothing_more() -> None:
     assert hub.listeners == 0
     box.put(hub.message("pong"))
     assert [m["type"] for m in await read(box)] == ["pong"]
+
+
+async def test_a_field_may_be_called_kind() -> None:
+    hub = Hub()
+    box = hub.open()
+    hub.publish("fix", vehicle_id="1", kind="map", accepted=True)
+
+    (message,) = await read(box)
+
+    assert (message["type"], message["kind"]) == ("fix", "map")

@@ -1,0 +1,163 @@
+"""The estimator's thread: order, load, questions, failures."""
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import CancelledError
+
+import numpy as np
+import pytest
+
+from backend.navigation.worker import MAX_WAITING_FRAMES, NavigationWorker, StateUpdate
+from estimator.types import BarometerSample, FixReport, FrameSample, Mode, NavigationState, Sample
+
+PATIENCE_S = 10.0
+
+
+def state(t_us: int) -> NavigationState:
+    nan3 = np.full((3, 3), np.nan)
+    return NavigationState(
+        t_us, Mode.GPS, "inertial", 0.8, 0.1, 500.0, 100.0, np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]),
+        np.array([1.0, 0, 0, 0]), np.eye(3), nan3, nan3, np.zeros((6, 6)), 0.0,
+    )  # fmt: skip
+
+
+class Recording:
+    """A navigator that notes what it is asked; ``gate`` holds it up, ``fail`` breaks it once."""
+
+    def __init__(self) -> None:
+        self.gps_denied = False
+        self.offered: list[Sample] = []
+        self.denied_seen: list[bool] = []
+        self.gate = threading.Event()
+        self.gate.set()
+        self.entered = threading.Event()
+        self.fail = False
+
+    @property
+    def waiting_for(self) -> str | None:
+        return None
+
+    def offer(self, sample: Sample) -> None:
+        self.offered.append(sample)
+        self.denied_seen.append(self.gps_denied)
+
+    def advance(self, t_us: int) -> list[FixReport]:
+        self.entered.set()
+        assert self.gate.wait(PATIENCE_S)
+        if self.fail:
+            self.fail = False
+            raise FloatingPointError("covariance is not positive")
+        return []
+
+    def predict(self, t_us: int) -> NavigationState | None:
+        return state(t_us)
+
+    def state_at(self, t_us: int) -> NavigationState | None:
+        return state(t_us) if t_us < 1000 else None
+
+
+class Running:
+    def __init__(self, build: Callable[[], Recording]) -> None:
+        self.states: list[StateUpdate] = []
+        self.said = threading.Condition()
+        self.worker = NavigationWorker(
+            "test", build, delay_us=0, on_state=self._state, on_reports=lambda _: None, now_us=lambda: 5000
+        )
+        self.worker.start()
+
+    def _state(self, update: StateUpdate) -> None:
+        with self.said:
+            self.states.append(update)
+            self.said.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        with self.said:
+            assert self.said.wait_for(condition, PATIENCE_S)
+
+
+def test_samples_reach_the_estimator_in_order() -> None:
+    navigator = Recording()
+    running = Running(lambda: navigator)
+    for n in range(100):
+        running.worker.offer(BarometerSample(n, 1.0))
+    running.wait_for(lambda: len(navigator.offered) == 100)
+    running.worker.close()
+
+    assert [sample.t_us for sample in navigator.offered] == list(range(100))
+
+
+def test_an_estimator_that_falls_behind_loses_the_oldest_pictures_only() -> None:
+    navigator = Recording()
+    navigator.gate.clear()
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(0, 1.0))
+    assert navigator.entered.wait(PATIENCE_S)
+    image = np.zeros((2, 2), np.uint8)
+    for n in range(1, 11):
+        running.worker.offer(FrameSample(n, n, image))
+        running.worker.offer(BarometerSample(n, 1.0))
+    navigator.gate.set()
+    running.wait_for(lambda: len(navigator.offered) >= 11 + MAX_WAITING_FRAMES)
+    running.worker.close()
+
+    frames = [sample.t_us for sample in navigator.offered if isinstance(sample, FrameSample)]
+    assert frames == [8, 9, 10]
+    assert running.worker.counts.frames_dropped == 10 - MAX_WAITING_FRAMES
+    assert sum(isinstance(sample, BarometerSample) for sample in navigator.offered) == 11
+
+
+def test_a_question_is_answered_from_history_or_by_prediction() -> None:
+    running = Running(Recording)
+    past = running.worker.state_at(500).result(PATIENCE_S)
+    ahead = running.worker.state_at(6000).result(PATIENCE_S)
+    running.worker.close()
+
+    assert past is not None
+    assert ahead is not None
+    assert (past.t_us, ahead.t_us) == (500, 6000)
+
+
+def test_denial_is_seen_by_the_next_sample() -> None:
+    navigator = Recording()
+    running = Running(lambda: navigator)
+    running.worker.deny_gps(True)
+    running.worker.offer(BarometerSample(1, 1.0))
+    running.wait_for(lambda: any(update.gps_denied for update in running.states) and bool(navigator.offered))
+    running.worker.close()
+
+    assert navigator.denied_seen == [True]
+
+
+def test_a_failing_estimator_is_started_anew_in_a_new_epoch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("backend.navigation.worker.REBUILD_AFTER_US", 0)
+    built: list[Recording] = []
+
+    def build() -> Recording:
+        built.append(Recording())
+        built[-1].fail = len(built) == 1
+        return built[-1]
+
+    running = Running(build)
+    running.worker.offer(BarometerSample(1, 1.0))
+    running.wait_for(lambda: any(update.epoch == 2 for update in running.states))
+    running.worker.close()
+
+    assert len(built) == 2
+    assert running.worker.counts.failures == 1
+    assert running.worker.failure is None
+
+
+def test_closing_cancels_open_questions() -> None:
+    navigator = Recording()
+    navigator.gate.clear()
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(0, 1.0))
+    assert navigator.entered.wait(PATIENCE_S)
+    open_question = running.worker.state_at(1)
+    running.worker.close(timeout_s=0.0)
+    navigator.gate.set()
+    late_question = running.worker.state_at(2)
+
+    for question in (open_question, late_question):
+        with pytest.raises(CancelledError):
+            question.result(PATIENCE_S)
