@@ -57,10 +57,9 @@ class DatagramLink:
             datagrams.append(data)
         return datagrams
 
-    @property
-    def port(self) -> int:
-        """The local port."""
-        return int(self._socket.getsockname()[1])
+    def fileno(self) -> int:
+        """The socket's number, to wait on."""
+        return self._socket.fileno()
 
     def close(self) -> None:
         """Close the socket."""

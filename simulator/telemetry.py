@@ -236,8 +236,9 @@ class _Stream:
     def is_due(self, t_us: int) -> bool:
         if self.interval_us <= 0 or t_us < self.next_us:
             return False
-        # Steady on its own grid; after a pause it does not catch up.
-        self.next_us = max(self.next_us + self.interval_us, t_us - self.interval_us + 1)
+        # Steady on its own grid; at the start and after a pause it does not catch up.
+        late_us = t_us - self.next_us
+        self.next_us = self.next_us + self.interval_us if late_us < self.interval_us else t_us + self.interval_us
         return True
 
 

@@ -78,7 +78,8 @@ class CameraView:
         fall = self._fall(float(pos_ned_m[2]), (row_0, col_0), (_float32(row_per_m), _float32(col_per_m)))
         col = _float32(cv2.add(cv2.multiply(col_per_m, fall), col_0))
         row = _float32(cv2.add(cv2.multiply(row_per_m, fall), row_0))
-        wall = self._climb(col, row, _float32(col_per_m), _float32(row_per_m), float(fall.min()))
+        ground_m = np.float32(-pos_ned_m[2]) - fall
+        wall = self._climb(col, row, (_float32(row_per_m), _float32(col_per_m)), ground_m, float(fall.min()))
         # Onto the finer raster of colours, whose pixel centres are offset.
         return (
             self._upsampled(col * self._ratio + self._offset),
@@ -94,31 +95,36 @@ class CameraView:
             np.round(np.linspace(0, rows - 1, thin_rows)).astype(int),
             np.round(np.linspace(0, cols - 1, thin_cols)).astype(int),
         )
-        raised, terrain = self.world.raised_patch, self.world.terrain.patch
-        scale = raised.gsd_m / terrain.gsd_m
-        row_shift = (terrain.north_max_m - raised.north_max_m) / terrain.gsd_m
-        col_shift = (raised.east_min_m - terrain.east_min_m) / terrain.gsd_m
-        row_per_m, col_per_m = per_m[0][at] * np.float32(scale), per_m[1][at] * np.float32(scale)
-        row_0, col_0 = np.float32(origin[0] * scale + row_shift), np.float32(origin[1] * scale + col_shift)
+        row_per_m, col_per_m = per_m[0][at], per_m[1][at]
+        row_0, col_0 = np.float32(origin[0]), np.float32(origin[1])
         fall = np.full((thin_rows, thin_cols), -down_m, np.float32)
         for _ in range(_TERRAIN_ITERATIONS):
-            height = cv2.remap(
-                self.world.terrain.height_m,
-                col_0 + col_per_m * fall,
-                row_0 + row_per_m * fall,
-                cv2.INTER_LINEAR,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            fall = np.float32(-down_m) - _float32(height)
+            fall = np.float32(-down_m) - self._terrain_m(row_0 + row_per_m * fall, col_0 + col_per_m * fall)
         # Corner-aligned interpolation back to the half-resolution grid.
         affine = np.array([[(thin_cols - 1) / (cols - 1), 0.0, 0.0], [0.0, (thin_rows - 1) / (rows - 1), 0.0]])
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         return _float32(cv2.warpAffine(fall, affine, (cols, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE))
 
+    def _terrain_m(self, row: Float32, col: Float32) -> Float32:
+        """Terrain height at positions on the raster of raised things."""
+        raised, terrain = self.world.raised_patch, self.world.terrain.patch
+        scale = np.float32(raised.gsd_m / terrain.gsd_m)
+        row_shift = np.float32((terrain.north_max_m - raised.north_max_m) / terrain.gsd_m)
+        col_shift = np.float32((raised.east_min_m - terrain.east_min_m) / terrain.gsd_m)
+        height = cv2.remap(
+            self.world.terrain.height_m,
+            col * scale + col_shift,
+            row * scale + row_shift,
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        return _float32(height)
+
     def _climb(
-        self, col: Float32, row: Float32, col_per_m: Float32, row_per_m: Float32, lowest_fall_m: float
+        self, col: Float32, row: Float32, per_m: tuple[Float32, Float32], ground_m: Float32, lowest_fall_m: float
     ) -> Image | None:
         """Move map positions, in place, from the ground up to the first raised thing that each ray meets."""
+        row_per_m, col_per_m = per_m
         top_m = min(self._tallest_m(col, row), lowest_fall_m - 1.0)
         levels = _LEVELS_M[top_m > _LEVELS_M]
         if not len(levels):
@@ -140,6 +146,10 @@ class CameraView:
         seen_m = np.minimum(np.maximum(surface, met_m), ceiling_m)
         col -= col_per_m * seen_m
         row -= row_per_m * seen_m
+        # What was met stands on other ground than where the ray would have come down.
+        rise_m = self._terrain_m(row, col) - ground_m
+        col -= col_per_m * rise_m
+        row -= row_per_m * rise_m
         # Well below the top of what it hit, a ray sees the side of it.
         side = (surface > ceiling_m + _SIDE_M) & (met > 0)
         return np.where(side, np.uint8(_WALL_BRIGHTNESS), np.uint8(255)) if side.any() else None

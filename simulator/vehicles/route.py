@@ -37,19 +37,20 @@ def make_route(
     height_agl_m: tuple[float, float],
     hover_stops: int,
 ) -> Route:
-    """A loop of which the camera never sees past the world's edge; its radius swings between near and far."""
+    """A loop of which the camera never sees past the world's edge; one wide turn and one narrow."""
     rng = rng_for(seed, "route")
-    angle = np.linspace(0, 2 * np.pi, waypoints, endpoint=False) + rng.normal(0, 0.16, waypoints)
-    angle += rng.uniform(0, 2 * np.pi)
+    # Two turns, a wide one and a narrow one inside: no leg doubles back on the one before.
+    wide = max(3, round(0.6 * waypoints))
+    turns = (wide, max(waypoints - wide, 1))
+    angle = np.concatenate([np.arange(count) * 2 * np.pi / count for count in turns])
+    angle = angle + rng.normal(0, 0.10, len(angle)) + rng.uniform(0, 2 * np.pi)
     # At the greatest height and tilt the picture reaches 0.95 of the height to the side.
     far = max(half_size_m - 0.95 * height_agl_m[1] - 40.0, 0.25 * half_size_m)
-    radius = far * np.where(
-        np.arange(waypoints) % 2 == 0, rng.uniform(0.85, 1.0, waypoints), rng.uniform(0.25, 0.7, waypoints)
-    )
+    radius = far * np.concatenate([rng.uniform(0.8, 1.0, turns[0]), rng.uniform(0.28, 0.55, turns[1])])
     north, east = radius * np.cos(angle), radius * np.sin(angle)
-    height = terrain.at(north, east) + rng.uniform(*height_agl_m, waypoints)
+    height = terrain.at(north, east) + rng.uniform(*height_agl_m, len(angle))
     nodes = np.stack([north, east, -height], axis=1)
-    points = _resampled(_closed_spline(nodes))
+    points = _resampled(_rounded(_resampled(_closed_spline(nodes))))
     ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
     tangent = (ahead - behind)[:, :2]
     tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -75,6 +76,16 @@ def _closed_spline(nodes: Float) -> Float:
 def _blend(t: Float, start: float, stop: float, first: Float, second: Float) -> Float:
     blended: Float = ((stop - t) * first + (t - start) * second) / (stop - start)
     return blended
+
+
+def _rounded(points: Float) -> Float:
+    """Weighted mean over 80 m of the loop: takes the hairpins out of it."""
+    window = np.hanning(41)[1:-1]
+    window /= window.sum()
+    shifts = range(-(len(window) // 2), len(window) // 2 + 1)
+    return np.sum(
+        [weight * np.roll(points, shift, axis=0) for weight, shift in zip(window, shifts, strict=True)], axis=0
+    )
 
 
 def _resampled(points: Float) -> Float:
