@@ -15,7 +15,9 @@ _VIDEO = re.compile(r"m=video (\d{1,7})(?:/\d+)? RTP/S?AVPF? (.+)")
 _CONNECTION = re.compile(r"^c=IN IP[46] ([^/\s]+)", re.MULTILINE)
 _RTPMAP = re.compile(r"^a=rtpmap:(\d{1,3}) ([\w-]+)/(\d{1,9})", re.MULTILINE)
 _FMTP = re.compile(r"^a=fmtp:(\d{1,3}) (.*)$", re.MULTILINE)
-_MAX_HELD = 24
+# A swapped datagram comes within a few milliseconds; waiting longer for a lost one would only hold up the picture.
+_MAX_HELD = 16
+_LONGEST_HOLD_US = 20_000
 _MAX_UNIT_BYTES = 8_000_000
 
 
@@ -111,7 +113,7 @@ class RtpDepacketiser:
             return []  # late or repeated
         self._held[sequence] = (datagram, t_us)
         units = self._in_order()
-        while len(self._held) > _MAX_HELD:
+        while self._held and self._gap_is_lost(t_us):
             self._pass_over_gap()
             units += self._in_order()
         return units
@@ -137,6 +139,9 @@ class RtpDepacketiser:
             self._expected = (self._expected + 1) & 0xFFFF
             units += self._packet(datagram, t_us)
         return units
+
+    def _gap_is_lost(self, t_us: int) -> bool:
+        return len(self._held) > _MAX_HELD or t_us - min(t for _, t in self._held.values()) > _LONGEST_HOLD_US
 
     def _pass_over_gap(self) -> None:
         base = self._expected or 0

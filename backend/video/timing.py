@@ -10,6 +10,7 @@ VehicleClockMap = Callable[[int], int | None]
 _BUCKET_US = 1_000_000
 _BUCKETS = 30
 _STEP_US = 2_000_000
+_LONGEST_STALL_US = 3_000_000
 # A stamp this far from the arrival is on another clock, or of another day.
 _MAX_AGE_US = 10_000_000
 _MAX_AHEAD_US = 500_000
@@ -37,7 +38,8 @@ class ExposureClock:
             mapped_us = self._map(stamp_us) if self._map is not None else None
             if mapped_us is not None and -_MAX_AHEAD_US <= t_wire_us - mapped_us <= _MAX_AGE_US:
                 return mapped_us
-            if mapped_us is None and -_MAX_AHEAD_UNMAPPED_US <= t_wire_us - stamp_us <= _MAX_AGE_UNMAPPED_US:
+            # The smallest delay, not this picture's: one that was held up on the way has its exposure all the same.
+            if mapped_us is None and -_MAX_AHEAD_UNMAPPED_US <= by_delay_us - stamp_us <= _MAX_AGE_UNMAPPED_US:
                 return stamp_us
             return by_delay_us + self._time_offset_us
         if pts_us is not None:
@@ -55,14 +57,33 @@ class SmallestDelay:
 
     def __init__(self) -> None:
         self._smallest: deque[tuple[int, int]] = deque(maxlen=_BUCKETS)  # (bucket of arrival, smallest difference)
+        self._newest_sender_us = 0
+        self._late_since_us: int | None = None
 
     def station_us(self, t_sender_us: int, t_arrival_us: int) -> int:
         """Station time of a sender's time that arrived then."""
         difference = t_arrival_us - t_sender_us
-        if self._smallest and abs(difference - min(d for _, d in self._smallest)) > _STEP_US:
-            self._smallest.clear()  # the sender's clock has stepped: a restart, or a file that begins again
+        if self._smallest:
+            difference = self._without_delay(difference, t_sender_us, t_arrival_us)
+        self._newest_sender_us = t_sender_us
         bucket = t_arrival_us // _BUCKET_US
         if self._smallest and self._smallest[-1][0] == bucket:
             difference = min(difference, self._smallest.pop()[1])
         self._smallest.append((bucket, difference))
         return t_sender_us + min(d for _, d in self._smallest)
+
+    def _without_delay(self, difference: int, t_sender_us: int, t_arrival_us: int) -> int:
+        """The difference to learn from; forgets the past where the sender's clock has stepped."""
+        smallest = min(d for _, d in self._smallest)
+        if difference - smallest <= _STEP_US:
+            self._late_since_us = None
+            if smallest - difference > _STEP_US:
+                self._smallest.clear()
+            return difference
+        # Held up in a buffer, or a clock set back? A restarted sender begins again; a buffer empties soon.
+        self._late_since_us = self._late_since_us or t_arrival_us
+        if t_sender_us >= self._newest_sender_us and t_arrival_us - self._late_since_us <= _LONGEST_STALL_US:
+            return smallest
+        self._smallest.clear()
+        self._late_since_us = None
+        return difference
