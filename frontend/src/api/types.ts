@@ -192,8 +192,9 @@ export interface ReplayMessage extends Envelope {
   end_unix_us: number;
   speed: number;
   paused: boolean;
+  /** It stands at its end; one can still go back. */
   ended?: boolean;
-  /** 0 to 1. */
+  /** Of the estimate that is being computed, 0 to 1; null when it is done or not needed. */
   progress?: Maybe<number>;
 }
 

@@ -58,7 +58,8 @@ export interface ChartListener {
 }
 
 const WEB_MERCATOR = 'EPSG:3857';
-const CLOSE_ZOOM = 18;
+/** The 95 % ellipse of a good fix can be seen beside the symbol, and so can what the camera sees. */
+const CLOSE_ZOOM = 17.4;
 
 export class Chart {
   private readonly map: OlMap;
@@ -172,10 +173,11 @@ export class Chart {
   }
 
   /** Moves at once when following, smoothly when asked for by hand. */
-  centre(at: LatLon, smooth: boolean): void {
+  centre(at: LatLon, smooth: boolean, close = false): void {
     const view = this.map.getView();
     const center = fromLonLat(position(at));
-    const zoom = (view.getZoom() ?? 0) < 12 ? CLOSE_ZOOM : undefined;
+    const far = (view.getZoom() ?? 0) < (close ? CLOSE_ZOOM : 12);
+    const zoom = far ? CLOSE_ZOOM : undefined;
     if (smooth) view.animate(zoom === undefined ? { center, duration: 250 } : { center, zoom, duration: 250 });
     else {
       view.setCenter(center);

@@ -70,7 +70,7 @@ function arrow(fill: string, selected: boolean): string {
   return (
     'data:image/svg+xml;utf8,' +
     encodeURIComponent(
-      `<svg xmlns="http://www.w3.org/2000/svg" width="36" height="36" viewBox="-18 -18 36 36">` +
+      `<svg xmlns="http://www.w3.org/2000/svg" width="28" height="28" viewBox="-18 -18 36 36">` +
         `<path d="M0 -15 L10 12 L0 6.5 L-10 12 Z" fill="${fill}" stroke="#06090d" stroke-width="4" stroke-linejoin="round"/>` +
         `<path d="M0 -15 L10 12 L0 6.5 L-10 12 Z" fill="${fill}" stroke="${stroke}" stroke-width="1.5" stroke-linejoin="round"/>` +
         `</svg>`,

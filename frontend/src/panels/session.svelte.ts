@@ -119,7 +119,9 @@ export class Session {
     let moved = false;
     for (const message of batch) {
       mission = reduce(mission, message);
-      this.tracks.apply(message);
+      const cleared = this.tracks.apply(message);
+      // After a seek the station knows the trail up to there.
+      if (cleared !== null) this.primed.delete(cleared);
       if (message.type === 'state') {
         this.historyOf(message.vehicle_id).append(message);
         this.heard_ms.set(message.vehicle_id, performance.now());

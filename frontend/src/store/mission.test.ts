@@ -92,11 +92,13 @@ describe('reduce', () => {
     expect(targets['t']?.properties.version).toBe(3);
   });
 
-  it('removes a vehicle that left and a replay that ended', () => {
+  it('keeps a replay that reached its end, and removes what left', () => {
+    const ended = fold([{ type: 'replay', vehicle_id: 'replay-f', flight_id: 'f', ended: true }]);
+    expect(ended.vehicles['replay-f']?.replay?.ended).toBe(true);
     const mission = fold([
       { type: 'state', vehicle_id: '1', epoch: 0 },
       { type: 'replay', vehicle_id: 'replay-f', flight_id: 'f', paused: false },
-      { type: 'replay', vehicle_id: 'replay-f', flight_id: 'f', ended: true },
+      { type: 'vehicle', action: 'deleted', vehicle: 'replay-f' },
       { type: 'vehicle', action: 'deleted', vehicle: { id: '1' } },
     ]);
     expect(mission.vehicles).toEqual({});

@@ -178,9 +178,7 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
       });
     }
     case 'replay':
-      return message.ended
-        ? { ...mission, vehicles: without(mission.vehicles, message.vehicle_id) }
-        : withVehicle(mission, message.vehicle_id, { replay: message });
+      return withVehicle(mission, message.vehicle_id, { replay: message });
     case 'vehicle': {
       const id = identity(message.vehicle);
       if (message.action === 'deleted') return { ...mission, vehicles: without(mission.vehicles, id) };

@@ -54,7 +54,7 @@ export const STALE_AFTER_S = 2;
 /** The mode, or that what is shown is old: a frozen page must not look like a hovering aircraft. */
 export function freshModeWords(vehicle: Vehicle | null, heard_s: number | null, connected: boolean): Words & { stale: boolean } {
   const words = modeWords(vehicle);
-  if (!vehicle?.state || vehicle.replay?.paused) return { ...words, stale: false };
+  if (!vehicle?.state || vehicle.replay?.paused || vehicle.replay?.ended) return { ...words, stale: false };
   if (connected && (heard_s === null || heard_s < STALE_AFTER_S)) return { ...words, stale: false };
   return {
     text: `STALE ${formatAge(heard_s)}`,
