@@ -33,6 +33,9 @@ class PictureDecoder:
 
     def decode(self, payload: bytes, number: int) -> list[tuple[int, av.VideoFrame]]:
         """Pictures that are complete with this payload, each with its own payload's number."""
+        if not payload:
+            self.errors += 1  # to FFmpeg an empty packet means the end of the stream
+            return []
         packet = av.Packet(payload)
         packet.pts = packet.dts = number
         return self._decode(packet)

@@ -14,7 +14,7 @@ LUMA = 0.114 * BGR[..., 0] + 0.587 * BGR[..., 1] + 0.299 * BGR[..., 2]
 
 @pytest.mark.parametrize("pixels", ["yuv420p", "yuvj420p", "yuv422p", "nv12", "rgb24", "bgr24", "yuv420p10le"])
 def test_colours_survive(pixels: str) -> None:
-    frame = av.VideoFrame.from_ndarray(BGR, format="bgr24").reformat(format=pixels)
+    frame = av.VideoFrame.from_ndarray(BGR, format="bgr24").reformat(format=pixels, threads=1)
 
     colours = bgr_from_frame(frame)
 
@@ -26,7 +26,7 @@ def test_colours_survive(pixels: str) -> None:
 @pytest.mark.parametrize("pixels", ["yuv420p", "yuvj420p", "yuv422p", "nv12", "gray", "rgb24", "yuv420p10le"])
 def test_grey_is_brightness(pixels: str) -> None:
     """Up to the coded range: a straight line of slope 219/255 or 1."""
-    frame = av.VideoFrame.from_ndarray(BGR, format="bgr24").reformat(format=pixels)
+    frame = av.VideoFrame.from_ndarray(BGR, format="bgr24").reformat(format=pixels, threads=1)
 
     grey = grey_from_frame(frame)
 
