@@ -111,6 +111,16 @@ class StationMaps:
             bounds,
         )
 
+    def holds(self, path: Path) -> bool:
+        """Whether a file is the library's own, under another name: recordings link their map from here."""
+        for record in self.library.list():
+            try:
+                if path.samefile(self.library.raster_path(record.id)):
+                    return True
+            except (OSError, GeodataError):
+                continue
+        return False
+
     def close(self) -> None:
         """Release all files."""
         for tiles in self._tiles.values():

@@ -7,6 +7,7 @@ import contextlib
 import math
 import shutil
 import uuid
+from collections.abc import Coroutine
 from dataclasses import asdict, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -35,7 +36,7 @@ from backend.playback.replays import Replays
 from backend.recorder.folder import ClickRow, RecordingPlan
 from backend.recorder.recorder import Recorder
 from backend.schemas.geometry import NewTarget, collection_of_targets, feature_of_target
-from backend.schemas.vehicles import CommandBody, MapBody
+from backend.schemas.vehicles import CommandBody, MapBody, ReplayBody
 from backend.settings import Settings
 from backend.store.database import Database
 from backend.store.lock import DataDirLock
@@ -157,6 +158,9 @@ class Station:
         for vehicle in self.fleet.vehicles.values():
             if vehicle.id in self._setup_problem:
                 waits.append(f"vehicle {vehicle.id}: a usable map ({self._setup_problem[vehicle.id]})")
+            elif vehicle.id in self._placing:
+                waits.append(f"vehicle {vehicle.id}: the map of its area to be read")
+                continue
             elif vehicle.setup is not None and vehicle.setup.reference is None:
                 waits.append(f"vehicle {vehicle.id}: a reference map of its area: pilotage map import FILE.tif")
             waits += vehicle.waiting_for()
@@ -291,6 +295,12 @@ class Station:
         await asyncio.to_thread(self.recorder.stop)
         self.hub.publish("recording", **asdict(self.recorder.status))
 
+    async def start_replay(self, flight_id: str, speed: float, start_s: float) -> ReplayBody:
+        """Begin to replay a flight; its reference map, if it brings one, becomes a map layer."""
+        body = await self.replays.start(flight_id, speed, start_s)
+        self._in_background(self._show_reference(flight_id))
+        return body
+
     def tell_alarm(self, alarm: Alarm | None) -> None:
         """Tell everybody about a raised or cleared alarm."""
         if alarm is not None:
@@ -332,9 +342,22 @@ class Station:
         if vehicle.id in self._placing:
             return
         self._placing.add(vehicle.id)
-        task = asyncio.create_task(self._set_up(vehicle, here))
+        self._in_background(self._set_up(vehicle, here))
+
+    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
+
+    async def _show_reference(self, flight_id: str) -> None:
+        playback = self.replays.of_flight(flight_id)
+        path = None if playback is None else playback.recording.folder.reference_path
+        if playback is None or path is None or await asyncio.to_thread(self.maps.holds, path):
+            return
+        try:
+            await self.import_map(path, f"{playback.recording.folder.name} (reference)", "imagery")
+        except GeodataError as error:
+            _log.warning("reference of the flight not shown", flight=flight_id, error=str(error))
 
     async def _set_up(self, vehicle: LiveVehicle, here: Place) -> None:
         try:

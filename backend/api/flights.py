@@ -45,7 +45,7 @@ async def delete_flight(flight_id: str, station: TheStation) -> None:
 @router.post("/flights/{flight_id}/replay", status_code=HTTPStatus.CREATED)
 async def start_replay(flight_id: str, body: ReplayRequest, station: TheStation) -> ReplayBody:
     """Replay a flight as vehicle ``replay-<flight id>``; one that runs already begins anew."""
-    return await station.replays.start(flight_id, body.speed, body.start_s)
+    return await station.start_replay(flight_id, body.speed, body.start_s)
 
 
 @router.get("/replays")

@@ -23,6 +23,10 @@ MAX_WAITING_FRAMES = 3  # more would only make the estimate late
 STATE_INTERVAL_US = 50_000
 IDLE_S = 0.05
 REBUILD_AFTER_US = 2_000_000
+# A picture that comes after the estimator has passed its time is lost to it: the horizon follows the slowest pictures.
+MAX_DELAY_US = 2_000_000
+DELAY_MARGIN_US = 60_000
+AGES_KEPT = 50
 
 _log = structlog.get_logger(__name__)
 
@@ -77,7 +81,9 @@ class _StateQuestion:
 
 
 class NavigationWorker:
-    """Runs a Navigator ``delay_us`` behind the clock. Its methods may be called from any thread and never wait.
+    """Runs a Navigator behind the clock: by ``delay_us``, or by more where pictures take longer to arrive.
+
+    Its methods may be called from any thread and never wait.
 
     ``on_state`` and ``on_reports`` are called in the worker's thread.
     """
@@ -92,7 +98,8 @@ class NavigationWorker:
         self.failure: str | None = None
         self.epoch = first_epoch
         self._build = build
-        self._delay_us = delay_us
+        self._least_delay_us = delay_us
+        self._frame_ages_us: deque[int] = deque(maxlen=AGES_KEPT)
         self._on_state = on_state
         self._on_reports = on_reports
         self._now_us = now_us
@@ -122,6 +129,16 @@ class NavigationWorker:
         """How many samples have not been looked at yet."""
         return len(self._samples)
 
+    @property
+    def delay_us(self) -> int:
+        """How far behind the clock the estimator runs now."""
+        with self._changed:
+            ages = sorted(self._frame_ages_us)
+        if not ages:
+            return self._least_delay_us
+        usual_us = ages[len(ages) * 9 // 10] + DELAY_MARGIN_US
+        return min(max(usual_us, self._least_delay_us), MAX_DELAY_US)
+
     def offer(self, sample: Sample) -> None:
         """Hand in a sample. When the estimator falls behind, old pictures go first, then old samples; both counted."""
         with self._changed:
@@ -129,6 +146,7 @@ class NavigationWorker:
                 return
             if isinstance(sample, FrameSample):
                 self._waiting_frames += 1
+                self._frame_ages_us.append(self._now_us() - sample.t_us)
                 if self._waiting_frames > MAX_WAITING_FRAMES:
                     self._drop_oldest_frame()
             self._samples.append(sample)
@@ -211,7 +229,7 @@ class NavigationWorker:
             self.counts.samples += 1
             self.counts.frames += isinstance(sample, FrameSample)
         started_us = mono_us()
-        reports = navigator.advance(self._now_us() - self._delay_us)
+        reports = navigator.advance(self._now_us() - self.delay_us)
         if samples:
             self.counts.advance_ms.append((mono_us() - started_us) / 1e3)
         if reports:

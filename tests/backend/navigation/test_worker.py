@@ -161,3 +161,25 @@ def test_closing_cancels_open_questions() -> None:
     for question in (open_question, late_question):
         with pytest.raises(CancelledError):
             question.result(PATIENCE_S)
+
+
+def test_the_horizon_follows_pictures_that_take_longer() -> None:
+    """
+    Fault: the video takes 700 ms from exposure to here.
+    Expected: the estimator waits for it instead of passing every picture's time before it comes.
+    """
+    worker = NavigationWorker(
+        "idle", Recording, delay_us=250_000, on_state=lambda _: None, on_reports=lambda _: None,
+        now_us=lambda: 10_000_000,
+    )  # fmt: skip
+    image = np.zeros((2, 2), np.uint8)
+    assert worker.delay_us == 250_000
+    for n in range(50):
+        worker.offer(FrameSample(10_000_000 - 80_000, n, image))
+    assert worker.delay_us == 250_000
+    for n in range(50):
+        worker.offer(FrameSample(10_000_000 - 700_000, n, image))
+    assert worker.delay_us == 760_000
+    for n in range(50):
+        worker.offer(FrameSample(0, n, image))
+    assert worker.delay_us == 2_000_000
