@@ -20,7 +20,7 @@ REGISTRIES = tuple(
         ("proxy.golang", "org"),
     )
 )  # fmt: skip
-HOME_PATH = re.compile(r"(?<![\w.$}~-])/(?:home|Users)/\w|(?<![\w.$}~/-])/root/")
+HOME_PATH = re.compile(r"(?<![\w.$}~-])/(?:home|Users)/\w|(?<![\w.$}~/-])/roo[t]/")
 RELATIVE_LINK = re.compile(r"\]\((?!https?:|#)([^)#\s]+)")
 
 
