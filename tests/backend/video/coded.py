@@ -9,14 +9,20 @@ from backend.video.frames import EncodedFrame
 from tests.backend.video.pictures_with_numbers import picture_with_number
 
 
-def h264_units(count: int, size: tuple[int, int] = (320, 240), gop: int = 25, codec: str = "libx264") -> list[bytes]:
+def h264_units(
+    count: int, size: tuple[int, int] = (320, 240), gop: int = 25, codec: str = "libx264", more: str = ""
+) -> list[bytes]:
     """Access units, byte stream; the n-th shows the number n."""
     encoder = av.CodecContext.create(codec, "w")
     encoder.width, encoder.height = size
     encoder.pix_fmt = "yuv420p"
     encoder.framerate = 25
     if codec == "libx264":
-        encoder.options = {"preset": "ultrafast", "tune": "zerolatency", "x264-params": f"keyint={gop}:scenecut=0"}
+        encoder.options = {
+            "preset": "ultrafast",
+            "tune": "zerolatency",
+            "x264-params": f"keyint={gop}:scenecut=0{more}",
+        }
     else:
         parameters = f"log-level=error:keyint={gop}:pools=1:frame-threads=1:repeat-headers=1"
         encoder.options = {"preset": "ultrafast", "tune": "zerolatency", "x265-params": parameters}

@@ -241,6 +241,19 @@ def test_h265_becomes_jpeg(port: int, udp: socket.socket) -> None:
     assert [(f.frame_id, number_in(f.image)) for f in taking.decoded] == [(n, n) for n in range(10)]
 
 
+def test_a_stream_without_key_frames_becomes_jpeg(port: int, udp: socket.socket) -> None:
+    """An encoder that refreshes in stripes sends no key frame to join at: after 3 s of it pictures come as JPEG."""
+    units = h264_units(180, more=":intra-refresh=1")[10:]
+    with receiver(port) as taking:
+        taking.wait_for_text("nothing received")
+        for part in transport_stream(units, lengths=True):
+            udp.sendto(part, ("127.0.0.1", port))
+        taking.wait_for(lambda: bool(taking.decoded) and number_in(taking.decoded[-1].image) == 179, "the last picture")
+
+    assert {f.codec for f in taking.encoded} == {"jpeg"}
+    assert len(taking.decoded) >= 40
+
+
 def test_jpeg_beside_h264_when_wanted(port: int) -> None:
     with receiver(port) as taking, H264TsSender("127.0.0.1", port, *SIZE) as sender:
         taking.wait_for_text("nothing received")
