@@ -119,6 +119,8 @@ def run_sim(
             say(f"Flying {scenario.name!r}: MAVLink {mavlink or 'off'}, video {video or 'off'}. Ctrl-C ends it.")
             run = RealTimeRun(scenario, world, seed, link, video_address, record)
             done = run.run(stop, duration_s)
+            for failure in done.failures:
+                say(f"Warning: {failure}")
             say(f"{done.pictures} pictures ({done.pictures_skipped} skipped), {done.packets} packets sent")
         if link is not None:
             link.close()

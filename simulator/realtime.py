@@ -17,7 +17,7 @@ from simulator.video_out import H264TsSender
 from simulator.world.world import World
 
 # A machine that slept must not fly hours in a burst when it wakes.
-_MAX_LAG_US = 500_000
+_MAX_LAG_US = 2_000_000
 _WAITING_PICTURES = 2
 
 
@@ -53,8 +53,7 @@ class RealTimeRun:
             self._sender = H264TsSender(
                 *video_address, section.width_px, section.height_px, section.frames_per_s, section.bitrate
             )
-        self._start_unix_us = time.time_ns() // 1000
-        self.simulation = Simulation(scenario, world, seed, self._start_unix_us)
+        self.simulation = Simulation(scenario, world, seed, time.time_ns() // 1000)
         self._recorder = (
             FlightRecorder(record, scenario, world, self.simulation.home_ned_m, seed) if record is not None else None
         )
@@ -77,6 +76,8 @@ class RealTimeRun:
         return self.statistics
 
     def _fly(self, stop: threading.Event, duration_s: float | None) -> None:
+        # Opening files and sockets took its time; the flight begins now.
+        self.simulation.begin(time.time_ns() // 1000)
         origin_us = time.monotonic_ns() // 1000
         limit_us = None if duration_s is None else round(duration_s * 1e6)
         while not stop.is_set():
@@ -114,6 +115,12 @@ class RealTimeRun:
                 self.simulation.receive(datagram)
 
     def _take_pictures(self, stop: threading.Event) -> None:
+        try:
+            self._picture_loop(stop)
+        except Exception as error:
+            self.statistics.failures.append(f"no more pictures: {error}")
+
+    def _picture_loop(self, stop: threading.Event) -> None:
         while not stop.is_set():
             try:
                 exposure = self._exposures.get(timeout=0.1)

@@ -88,6 +88,13 @@ class Simulation:
         self._snapshot: Snapshot | None = None
         self.state: VehicleState | None = None
 
+    def begin(self, start_unix_us: int) -> None:
+        """Set the clock again, before the first step only."""
+        if self._steps:
+            message = "the flight has begun"
+            raise ValueError(message)
+        self._start_unix_us = start_unix_us
+
     @property
     def elapsed_us(self) -> int:
         """Time since the start."""

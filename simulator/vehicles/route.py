@@ -83,9 +83,10 @@ def _rounded(points: Float) -> Float:
     window = np.hanning(41)[1:-1]
     window /= window.sum()
     shifts = range(-(len(window) // 2), len(window) // 2 + 1)
-    return np.sum(
-        [weight * np.roll(points, shift, axis=0) for weight, shift in zip(window, shifts, strict=True)], axis=0
-    )
+    mean: Float = np.zeros_like(points)
+    for weight, shift in zip(window, shifts, strict=True):
+        mean = mean + weight * np.roll(points, shift, axis=0)
+    return mean
 
 
 def _resampled(points: Float) -> Float:

@@ -111,7 +111,7 @@ class Patch:
     ) -> None:
         """Draw a polyline (n, 2) of a width into ``image`` in place; an odd number of pixels wide, at least one."""
         if self.touches(line_ne_m, width_m):
-            # OpenCV's lines come out an odd number of pixels wide: 1 for thickness 1, 3 for 2, 5 for 3 and 4, 7 for 5 ...
+            # OpenCV's lines come out 1 pixel wide for thickness 1, 3 for 2, 5 for 3 and 4, 7 for 5 and 6, and so on.
             half = round((width_m / self.gsd_m - 1) / 2)
             thickness = 1 if half <= 0 else max(2, 2 * half - 1)
             cv2.polylines(image, [self._fixed(line_ne_m)], False, value, thickness, shift=_SHIFT)

@@ -22,7 +22,7 @@ def wait_for(link: DatagramLink) -> list[bytes]:
         ("udpout:127.0.0.1:14550", ("out", "127.0.0.1", 14550)),
         ("udpout://station.local:14550", ("out", "station.local", 14550)),
         ("udp:10.0.0.2:1", ("out", "10.0.0.2", 1)),
-        (" udpin:0.0.0.0:14551 ", ("in", "0.0.0.0", 14551)),
+        (" udpin:127.0.0.2:14551 ", ("in", "127.0.0.2", 14551)),
     ],
 )
 def test_addresses(address: str, expected: tuple[str, str, int]) -> None:

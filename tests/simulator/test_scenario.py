@@ -44,7 +44,7 @@ def test_file_overrides_defaults(tmp_path: Path) -> None:
 def test_errors_name_the_value(tmp_path: Path, text: str, said: str) -> None:
     file = tmp_path / "bad.toml"
     file.write_text(text)
-    with pytest.raises(ScenarioError, match="bad.toml") as error:
+    with pytest.raises(ScenarioError, match=r"bad\.toml") as error:
         load_scenario(str(file))
     assert said in str(error.value)
 

@@ -34,7 +34,7 @@ def world() -> World:
     raised = np.zeros((raised_patch.rows, raised_patch.cols), np.uint8)
     for north, east in np.vstack([SPOTS, ROOFS[:, :2]]):
         row, col = GROUND.row_col(np.array([north, east]))
-        disc = (int(round(16 * col)), int(round(16 * row)))
+        disc = (round(16 * col), round(16 * row))
         cv2.circle(ground, disc, 16 * 6, (230, 230, 230), -1, lineType=cv2.LINE_AA, shift=4)
     for north, east, height in ROOFS:
         rows, cols = raised_patch.box(np.array([[north - 6, east - 6], [north + 6, east + 6]]))

@@ -32,7 +32,7 @@ def test_inertial_readings_lead_to_the_same_place() -> None:
     """
     Independent strapdown integration in Earth-centred axes with SciPy's rotations.
 
-    Expected: after 10 s with a turn the position agrees to a few centimetres. Without Earth rate it would be metres off.
+    Expected: after 10 s with a turn the position agrees to a few centimetres.
     """
     states = fly(10.0, (9.0, -4.0, 0.5), -2.0)
     start = states[0]
