@@ -198,6 +198,15 @@ export interface ReplayMessage extends Envelope {
   progress?: Maybe<number>;
 }
 
+/** While a flight is being read, before its replay appears as a vehicle. */
+export interface ReplayPreparingMessage extends Envelope {
+  type: 'replay_preparing';
+  vehicle_id: string;
+  flight_id: string;
+  /** 0 to 1. */
+  progress: number;
+}
+
 export interface WaitingMessage extends Envelope {
   type: 'waiting';
   waiting_for: string[];
@@ -227,6 +236,7 @@ export type StationMessage =
   | MapMessage
   | RecordingMessage
   | ReplayMessage
+  | ReplayPreparingMessage
   | WaitingMessage
   | VehicleMessage
   | PongMessage;

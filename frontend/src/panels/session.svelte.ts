@@ -171,6 +171,11 @@ export class Session {
     else this.awaited = vehicle_id;
   }
 
+  stopPreparing(flight_id: string): void {
+    const { [flight_id]: _gone, ...preparing } = this.mission.preparing;
+    this.mission = { ...this.mission, preparing };
+  }
+
   private prime(vehicle_id: string): void {
     if (this.primed.has(vehicle_id)) return;
     this.primed.add(vehicle_id);

@@ -10,6 +10,7 @@ export function coalescingKey(message: StationMessage): string | null {
     case 'telemetry':
     case 'link':
     case 'replay':
+    case 'replay_preparing':
       return `${message.type}/${message.vehicle_id}`;
     case 'fix':
       return `fix/${message.vehicle_id}/${message.accepted}`;

@@ -104,6 +104,13 @@ describe('reduce', () => {
     expect(mission.vehicles).toEqual({});
   });
 
+  it('says how far a flight has been read until its replay runs', () => {
+    const reading = fold([{ type: 'replay_preparing', vehicle_id: 'replay-f', flight_id: 'f', progress: 0.4 }]);
+    expect(reading.preparing).toEqual({ f: 0.4 });
+    expect(reading.vehicles).toEqual({});
+    expect(fold([{ type: 'replay', vehicle_id: 'replay-f', flight_id: 'f' }], reading).preparing).toEqual({});
+  });
+
   it('replaces a map by id', () => {
     const mission = fold([
       { type: 'map', action: 'created', map: { id: 'm', name: 'a' } },

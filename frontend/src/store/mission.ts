@@ -49,6 +49,8 @@ export interface Mission {
   alarms: AlarmEntry[];
   acks: AckMessage[];
   recording: Recording;
+  /** Flights that are being read for a replay, and how far, 0 to 1. */
+  preparing: Record<string, number>;
   waiting_for: string[];
 }
 
@@ -60,6 +62,7 @@ export const NO_MISSION: Mission = {
   alarms: [],
   acks: [],
   recording: { active: false, flight_id: null },
+  preparing: {},
   waiting_for: [],
 };
 
@@ -148,6 +151,7 @@ function greeted(mission: Mission, hello: Extract<StationMessage, { type: 'hello
     targets: Object.fromEntries(hello.targets.features.map((target) => [target.id, target])),
     alarms,
     recording: hello.recording,
+    preparing: {},
     waiting_for: hello.waiting_for,
   };
 }
@@ -177,8 +181,13 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
         fixesRejected: before.fixesRejected + (message.accepted ? 0 : 1),
       });
     }
-    case 'replay':
-      return withVehicle(mission, message.vehicle_id, { replay: message });
+    case 'replay': {
+      const { flight_id } = message;
+      const preparing = flight_id in mission.preparing ? without(mission.preparing, flight_id) : mission.preparing;
+      return { ...withVehicle(mission, message.vehicle_id, { replay: message }), preparing };
+    }
+    case 'replay_preparing':
+      return { ...mission, preparing: { ...mission.preparing, [message.flight_id]: message.progress } };
     case 'vehicle': {
       const id = identity(message.vehicle);
       if (message.action === 'deleted') return { ...mission, vehicles: without(mission.vehicles, id) };
