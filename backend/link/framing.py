@@ -87,6 +87,7 @@ class MavlinkFramer:
         # Everything that can be decided with the bytes before this index of the buffer has been decided.
         self._decided = 0
         self._ended = False
+        self._shared = 0  # 1 while the buffer's first byte is also the last one of the packet before
 
     def feed(self, data: bytes) -> list[FramerEvent]:
         """Take bytes, give the packets and the noise that they complete, in order."""
@@ -172,7 +173,7 @@ class MavlinkFramer:
     def _verdict(self, candidate: _Candidate, moment: int) -> bool | None:
         """Whether the candidate is a packet, by the bytes before ``moment``; None when they do not tell yet."""
         if candidate.end > moment:
-            return False if self._ended else None
+            return False if self._ended and candidate.end > len(self._buffer) else None
         if not self._is_packet(candidate):
             return False
         return not candidate.signed or self._signature_is_whole(candidate, moment)
@@ -183,7 +184,7 @@ class MavlinkFramer:
         start = _next_start(buffer, candidate.end - _SIGNATURE_BYTES, candidate.end)
         while start < candidate.end:
             inner = self._candidate(start, moment)
-            if inner is None and not self._ended:
+            if inner is None and not (self._ended and moment == len(buffer)):
                 return None
             if inner and inner.layout is not None:
                 verdict = self._verdict(inner, moment)
@@ -210,13 +211,17 @@ class MavlinkFramer:
         self._flush_noise(events)
         length = packet.end - packet.start
         events.append(_raw_packet(bytes(self._buffer[:length]), packet.msg_id, known=True))
-        del self._buffer[:length]
+        # A packet cut off before its last checksum byte is made whole by the next one's start byte, when that is the
+        # byte it lacks: then both have it.
+        self._shared = int(not packet.signed and self._buffer[length - 1] in _HEADER_BYTES)
+        del self._buffer[: length - self._shared]
         self._decided = 0
 
     def _skip(self, count: int, events: list[FramerEvent]) -> None:
         if not count:
             return
-        self._noise += self._buffer[:count]
+        self._noise += self._buffer[self._shared : count]
+        self._shared = 0
         del self._buffer[:count]
         self._decided = max(0, self._decided - count)
         while len(self._noise) >= NOISE_BLOCK_BYTES:

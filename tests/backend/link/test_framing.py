@@ -117,6 +117,21 @@ def test_a_stray_start_byte_delays_nothing(stray: bytes) -> None:
     assert framer.feed(stray + packet)[-1] == MavlinkFramer().feed(packet)[0]
 
 
+def test_a_packet_cut_in_its_signature_does_not_swallow_the_next() -> None:
+    first, second = Sender(key=b"k" * 32).heartbeat(), Sender().attitude(5)
+    for kept in range(len(first) - 13, len(first)):
+        assert _data(_feed([first[:kept] + second])) == [second]
+
+
+def test_a_packet_that_lacks_the_next_one_s_start_byte() -> None:
+    """The last checksum byte is lost and the next packet's start byte has its value: both packets are there."""
+    sender = Sender()
+    first = next(packet for packet in (sender.attitude(t) for t in range(100_000)) if packet[-1] == 0xFD)
+    second = sender.heartbeat()
+
+    assert _feed([first[:-1] + second + first]) == _feed([first, second, first])
+
+
 def test_a_packet_carried_by_another_is_payload() -> None:
     inner = Sender().heartbeat()
     carrier = Sender().pack(dialect.MAVLink_encapsulated_data_message(7, list(inner.ljust(253, b"\x01"))))
