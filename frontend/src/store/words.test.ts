@@ -9,6 +9,7 @@ const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: fa
 describe('modeWords', () => {
   it('says what the position rests on', () => {
     expect(modeWords(null).text).toBe('NO ESTIMATE');
+    expect(modeWords(vehicle({ replay: { progress: 0.137 } })).text).toBe('ESTIMATING 13 %');
     expect(modeWords(state({})).text).toBe('GPS');
     expect(modeWords(state({ mode: 'vision', gps_denied: true })).text).toBe('VISION – GPS denied');
     expect(modeWords(state({ mode: 'vision' })).text).toBe('VISION – no GPS');
@@ -57,6 +58,9 @@ describe('videoWords', () => {
     expect(videoWords(null).text).toBe('Waiting');
     expect(video({})).toMatchObject({ text: '25 fps 640×480', tone: 'good' });
     expect(video({ status: 'frozen' }).tone).toBe('bad');
+    const stopped = { source: 'cam-r', status: 'stopped', width: 640, height: 480 } as VideoMessage;
+    const replay = (fields: object) => videoWords(vehicle({ video: stopped, replay: fields })).text;
+    expect([replay({ paused: true }), replay({ paused: false, ended: true })]).toEqual(['Paused 640×480', 'At the end 640×480']);
     expect(video({ status: 'stopped', last_frame_age_s: 12 }).text).toBe('Stopped 12 s');
   });
 });

@@ -23,6 +23,14 @@ const MODE_WORDS: Record<Mode, string> = {
 
 export function modeWords(vehicle: Vehicle | null): Words {
   const state = vehicle?.state;
+  const progress = vehicle?.replay?.progress;
+  if (!state && progress !== null && progress !== undefined && progress < 1) {
+    return {
+      text: `ESTIMATING ${Math.floor(progress * 100)} %`,
+      detail: 'The estimate of this flight is being computed; it is shown when it is done.',
+      tone: 'none',
+    };
+  }
   if (!state) return { text: 'NO ESTIMATE', detail: 'The station has not estimated a position yet.', tone: 'none' };
   const age = formatAge(state.last_fix_age_s);
   const denied = state.gps_denied ? ' – GPS denied' : '';
@@ -98,6 +106,10 @@ export function videoWords(vehicle: Vehicle | null): Words {
   ]
     .filter(Boolean)
     .join(' · ');
+  const { replay } = vehicle!;
+  if (video.status !== 'flowing' && (replay?.paused || replay?.ended)) {
+    return { text: replay.ended ? `At the end ${size}` : `Paused ${size}`, detail, tone: 'none' };
+  }
   switch (video.status) {
     case 'flowing':
       return { text: `${formatNumber(video.fps)} fps ${size}`, detail, tone: 'good' };
