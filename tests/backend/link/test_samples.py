@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from backend.link import samples as s
 from backend.link.timebase import BootClock
-from estimator.geometry.rotation import euler_from_q
+from estimator.geometry.rotation import euler_from_q, q_from_euler
 from estimator.types import (
     AirspeedSample,
     AttitudeSample,
@@ -273,3 +273,10 @@ def test_absurd_figures_are_dropped_and_counted(message: Any) -> None:
 
     assert station.take(message) == []
     assert station.maker.rejected.total() == 1
+
+
+@pytest.mark.parametrize("angles", [(0.1, -0.2, 3.0), (-3.0, 1.5, -3.1), (0.0, 0.0, 6.0)])
+def test_attitude_is_the_rotation_of_its_angles(angles: tuple[float, float, float]) -> None:
+    sample = Station().one(dialect.MAVLink_attitude_message(10_050, *angles, 0.0, 0.0, 0.0))
+
+    assert_allclose(sample.q_ned_from_body, q_from_euler(*angles))
