@@ -27,10 +27,10 @@ class FractalNoise:
         for octave in range(octaves):
             size_m = cell_m / 2**octave
             if size_m >= 2 * _COARSE * patch.gsd_m:
-                layer = self._octave(coarse_patch, size_m, octave)
+                layer = self._octave(coarse_patch, size_m, octave, smooth=True)
                 coarse = layer * weight if coarse is None else coarse + layer * weight
             else:
-                total += self._octave(patch, size_m, octave) * np.float32(weight)
+                total += self._octave(patch, size_m, octave, smooth=False) * np.float32(weight)
             power += weight**2
             weight *= persistence
         if coarse is not None:
@@ -40,7 +40,7 @@ class FractalNoise:
         total *= np.float32(1.4 / np.sqrt(power))
         return total
 
-    def _octave(self, patch: Patch, cell_m: float, octave: int) -> Float32:
+    def _octave(self, patch: Patch, cell_m: float, octave: int, *, smooth: bool) -> Float32:
         origin = self._origin[octave % len(self._origin)]
         row = -patch.north_max_m / cell_m + origin[0]
         col = patch.east_min_m / cell_m + origin[1]
@@ -50,7 +50,7 @@ class FractalNoise:
         cols = np.arange(first_col, first_col + int(patch.cols * step) + 5)
         window = self._lattice.take(rows, axis=0, mode="wrap").take(cols, axis=1, mode="wrap")
         inverse = np.array([[step, 0.0, col - first_col], [0.0, step, row - first_row]])
-        flags = (cv2.INTER_CUBIC if step < 0.5 else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
+        flags = (cv2.INTER_CUBIC if smooth else cv2.INTER_LINEAR) | cv2.WARP_INVERSE_MAP
         size = (patch.cols, patch.rows)
         warped = cv2.warpAffine(window, inverse, size, flags=flags, borderMode=cv2.BORDER_REPLICATE)
         return np.asarray(warped, np.float32)

@@ -26,7 +26,7 @@ from simulator.world.settle import base_layout, later_layout
 from simulator.world.terrain import Terrain, make_terrain
 
 # Raise it whenever the same seed gives another world, so that no stale cache is used.
-GENERATION = 3
+GENERATION = 4
 
 _TILE_PX = 1500
 _RAISED_FACTOR = 2
