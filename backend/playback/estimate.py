@@ -17,6 +17,7 @@ from estimator.ports import GroundModel
 from estimator.types import CameraAttitudeSample, Float, Mode, NavigationState
 
 MAX_GAP_US = 1_000_000
+HOLD_US = 300_000  # the last line stands for the pictures just after it
 # The table holds no attitude errors; these are what the estimator typically reaches.
 ATTITUDE_STD_RAD = math.radians(1.0)
 NUMBERS = (
@@ -64,7 +65,7 @@ class EstimateTable:
             return None
         before_us = int(self.t_us[index])
         if index + 1 >= len(self.t_us):
-            return (self.values[index], self.modes[index]) if t_us == before_us else None
+            return (self.values[index], self.modes[index]) if t_us - before_us <= HOLD_US else None
         after_us = int(self.t_us[index + 1])
         if after_us - before_us > MAX_GAP_US:
             return (self.values[index], self.modes[index]) if t_us == before_us else None

@@ -19,7 +19,7 @@ from backend.server import address_of, listening_socket
 from backend.settings import load_settings
 from backend.station import Station
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -12,8 +13,16 @@ from pathlib import Path
 
 import pytest
 
+from backend.clock import unix_us
+from backend.demo import free_udp_ports
 from backend.errors import StartError
 from backend.server import address_of, listening_socket, refuse_open_bind
+from backend.video.recorded import RecordedVideo
+from geodata.flight import FlightFolder
+from simulator.video_out import H264TsSender
+from tests.backend.flight_maker import SIZE
+from tests.backend.link.wire import Sender
+from tests.backend.video.pictures_with_numbers import picture_with_number
 
 PATIENCE_S = 60.0
 
@@ -26,7 +35,7 @@ def free_port() -> int:
 
 def start(data_dir: Path, port: int, *options: str) -> subprocess.Popen[str]:
     command = [sys.executable, "-m", "backend.cli", "serve", "--port", str(port), "--data-dir", str(data_dir)]
-    command += ["--video", "none", "--mavlink", "none", *options]
+    command += options or ("--video", "none", "--mavlink", "none")
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -58,17 +67,50 @@ def processes() -> Iterator[list[subprocess.Popen[str]]]:
         process.communicate()
 
 
-def test_kill_loses_no_acknowledged_target(tmp_path: Path, processes: list[subprocess.Popen[str]]) -> None:
+class Downlink:
+    """Sends telemetry and video to a station until told to end, from a thread of its own."""
+
+    def __init__(self, mavlink_port: int, video_port: int) -> None:
+        self._ending = threading.Event()
+        self._ports = mavlink_port, video_port
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join(PATIENCE_S)
+
+    def _run(self) -> None:
+        wire, count = Sender(), 0
+        mavlink = ("127.0.0.1", self._ports[0])
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out,
+            H264TsSender("127.0.0.1", self._ports[1], *SIZE, fps=25.0) as video,
+        ):
+            while not self._ending.wait(0.02):
+                if count % 25 == 0:
+                    out.sendto(wire.heartbeat(), mavlink)
+                out.sendto(wire.attitude(count * 20), mavlink)
+                video.send(picture_with_number(count % 100, SIZE), unix_us())
+                count += 1
+
+
+def test_kill_loses_no_acknowledged_target_and_no_recording(
+    tmp_path: Path, processes: list[subprocess.Popen[str]]
+) -> None:
     """
     Fault: kill -9 while eight clients create targets as fast as they can and a recording runs.
-    Expected: every target that was acknowledged is there afterwards.
+    Expected: every target that was acknowledged is there afterwards, and the recording so far opens as a flight with
+    telemetry and video.
     """
-    port = free_port()
-    process = start(tmp_path, port, "--record")
+    port, (mavlink_port, video_port) = free_port(), free_udp_ports(2)
+    links = ("--mavlink", f"udpin:127.0.0.1:{mavlink_port}", "--video", f"udp://127.0.0.1:{video_port}")
+    process = start(tmp_path, port, "--record", *links)
     processes.append(process)
     await_words(process, "Pilotage")
     address = f"http://127.0.0.1:{port}"
     acknowledged: list[str] = []
+    killed = threading.Event()
 
     def create(client: int) -> None:
         for n in range(10_000):
@@ -77,22 +119,35 @@ def test_kill_loses_no_acknowledged_target(tmp_path: Path, processes: list[subpr
             except OSError:
                 return
             acknowledged.append(str(made["id"]))
-            if len(acknowledged) == 60:
+            recorded = request(address, "/api/v1/recording") if n % 5 == 0 and not killed.is_set() else {}
+            if len(acknowledged) >= 60 and int(str(recorded.get("bytes", 0))) > 30_000:
+                killed.set()
                 process.send_signal(signal.SIGKILL)
+                return
 
-    with ThreadPoolExecutor(8) as pool:
-        list(pool.map(create, range(8)))
-    assert process.wait(PATIENCE_S) == -signal.SIGKILL
+    downlink = Downlink(mavlink_port, video_port)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            list(pool.map(create, range(8)))
+        assert process.wait(PATIENCE_S) == -signal.SIGKILL
+    finally:
+        downlink.close()
 
     again = start(tmp_path, port)
     processes.append(again)
     await_words(again, "Pilotage")
     listed = request(address, "/api/v1/targets")["features"]
+    again.send_signal(signal.SIGTERM)
+    (folder,) = (tmp_path / "flights").iterdir()
+    flight = FlightFolder.open(folder)
+    video = RecordedVideo.open(flight.video_path or Path())
 
     assert isinstance(listed, list)
     assert len(acknowledged) >= 60
     assert set(acknowledged) <= {feature["id"] for feature in listed}
-    again.send_signal(signal.SIGTERM)
+    assert len(list(flight.telemetry())) > 10
+    assert sum(1 for _ in video.frames()) > 5
+    assert flight.frame_times() is not None
     assert again.wait(PATIENCE_S) == 0
 
 

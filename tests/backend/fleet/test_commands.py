@@ -1,0 +1,55 @@
+"""Operator's commands in MAVLink's words."""
+
+import math
+
+import pytest
+
+from backend.errors import InvalidRequestError
+from backend.fleet.commands import steps_of
+from backend.link.events import Autopilot, VehicleType
+from backend.schemas.vehicles import CommandBody
+
+HELI = (Autopilot.ARDUPILOT, VehicleType.HELICOPTER)
+
+
+@pytest.mark.parametrize(
+    ("command", "numbers"),
+    [("arm", [400]), ("disarm", [400]), ("takeoff", [176, 22]), ("hold", [176]), ("return", [20]), ("land", [21])],
+)
+def test_commands_of_an_ardupilot_helicopter(command: str, numbers: list[int]) -> None:
+    steps = steps_of(CommandBody.model_validate({"command": command}), *HELI)
+
+    assert [step.command for step in steps] == numbers
+
+
+def test_arming_and_disarming_differ() -> None:
+    arm, disarm = (steps_of(CommandBody.model_validate({"command": c}), *HELI)[0] for c in ("arm", "disarm"))
+
+    assert (arm.params[0], disarm.params[0]) == (1.0, 0.0)
+
+
+def test_goto_is_an_integer_command_relative_to_home() -> None:
+    body = CommandBody(command="goto", lat_deg=47.1234567, lon_deg=-8.5, alt_rel_m=60.0)
+    (step,) = steps_of(body, *HELI)
+
+    assert (step.command, step.frame) == (192, 6)
+    assert [round(value) for value in step.params[4:6]] == [471234567, -85000000]
+    assert step.params[6] == 60.0
+    assert math.isnan(step.params[3])
+
+
+def test_hold_of_px4_and_of_ardupilot_are_their_own_modes() -> None:
+    body = CommandBody(command="hold")
+    (ardupilot,) = steps_of(body, *HELI)
+    (px4,) = steps_of(body, Autopilot.PX4, VehicleType.MULTIROTOR)
+
+    assert ardupilot.params[:2] == (1.0, 5.0)  # COPTER_MODE_LOITER
+    assert px4.params[:3] == (1.0, 4.0, 3.0)  # main mode AUTO, sub mode LOITER
+
+
+@pytest.mark.parametrize(
+    "body", [{"command": "goto", "lat_deg": 1, "lon_deg": 2}, {"command": "inject_failure", "unit": "gps"}]
+)
+def test_incomplete_commands_are_refused(body: dict[str, object]) -> None:
+    with pytest.raises(InvalidRequestError):
+        steps_of(CommandBody.model_validate(body), *HELI)

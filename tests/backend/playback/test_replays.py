@@ -1,0 +1,193 @@
+"""Flights replayed in the browser: pace, jumps, frames, clicks, broken folders."""
+
+import asyncio
+import json
+import math
+import shutil
+import struct
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import websockets
+from numpy.testing import assert_allclose
+
+from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight
+from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
+
+FLIGHT = "/api/v1/flights/alpha/replay"
+REPLAY = "/api/v1/replays/replay-alpha"
+
+
+async def until(running: RunningStation, condition: Any, path: str = "/api/v1/replays") -> Any:
+    """Wait on the stream until what a GET answers fulfils a condition."""
+    async with running.stream() as socket, asyncio.timeout(PATIENCE_S):
+        while True:
+            answer = (await running.client.get(path)).json()
+            if condition(answer):
+                return answer
+            await socket.recv()
+
+
+def header_of(packet: bytes) -> dict[str, Any]:
+    (length,) = struct.unpack(">I", packet[:4])
+    return dict(json.loads(packet[4 : 4 + length]))
+
+
+async def test_a_flight_plays_to_its_end_with_video_tracks_and_state(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running:
+        started = await running.client.post(FLIGHT, json={"speed": 4.0})
+        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+            headers = [header_of(await asyncio.wait_for(video.recv(), PATIENCE_S))]
+            while headers[-1]["t_unix_us"] < T0_US + 98 * 40_000:
+                headers.append(header_of(await asyncio.wait_for(video.recv(), PATIENCE_S)))
+        (ended,) = await until(running, lambda replays: replays[0]["ended"])
+        tracks = (await running.client.get("/api/v1/vehicles/replay-alpha/tracks")).json()
+        state = (await running.client.get("/api/v1/vehicles/replay-alpha/state")).json()
+        vehicles = (await running.client.get("/api/v1/vehicles")).json()
+
+    assert started.status_code == 201
+    assert headers[0]["key"]
+    times = [header["t_unix_us"] for header in headers]
+    assert times == sorted(times)
+    assert {(t - T0_US) % 40_000 for t in times} == {0}
+    assert len({header["frame_id"] for header in headers}) == len(headers)
+    assert ended["t_unix_us"] == ended["end_unix_us"]
+    by_source = {feature["properties"]["source"]: feature for feature in tracks["features"]}
+    assert set(by_source) == {"gps", "vision"}
+    assert_allclose(by_source["vision"]["geometry"]["coordinates"][0][:2], [LON_DEG, LAT_DEG], atol=1e-9)
+    assert state["mode"] == "gps"
+    assert vehicles[0]["replay"]
+
+
+async def test_a_jump_begins_a_new_epoch_at_the_wanted_time(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha", seconds=8.0)
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 1.0})
+        await running.client.patch(REPLAY, json={"paused": True})
+        await until(running, lambda replays: replays[0]["progress"] is None)
+        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+            goal_us = T0_US + 6_200_000
+            answer = await running.client.patch(REPLAY, json={"seek_unix_us": goal_us})
+            headers: list[dict[str, Any]] = []
+            while not headers or headers[-1]["epoch"] < 2 or headers[-1]["t_unix_us"] < goal_us:
+                headers.append(header_of(await asyncio.wait_for(video.recv(), PATIENCE_S)))
+        tracks = (await running.client.get("/api/v1/vehicles/replay-alpha/tracks?source=vision")).json()
+        state = (await running.client.get("/api/v1/vehicles/replay-alpha/state")).json()
+
+    assert (answer.json()["t_unix_us"], answer.json()["paused"]) == (goal_us, True)
+    after = [header for header in headers if header["epoch"] == 2]
+    assert after[0]["key"]
+    assert after[0]["t_unix_us"] <= goal_us
+    assert after[-1]["t_unix_us"] == goal_us
+    (piece,) = tracks["features"]
+    assert piece["properties"]["epoch"] == 2
+    assert max(piece["properties"]["times_unix_us"]) <= goal_us
+    assert piece["properties"]["times_unix_us"][0] < T0_US + 300_000
+    assert (state["epoch"], state["t_state_unix_us"]) == (2, goal_us)
+
+
+async def test_a_click_on_a_replayed_frame_uses_the_state_at_its_exposure(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 16.0})
+        await until(running, lambda replays: replays[0]["ended"] and replays[0]["progress"] is None)
+        stride = 100
+        frame_id = stride + 50  # epoch 1, picture 50: exposed two seconds after the start, 10 m north of it
+        body = {"vehicle_id": "replay-alpha", "frame_id": frame_id, "u_px": 159.5, "v_px": 119.5, "name": "below"}
+        made = await running.client.post("/api/v1/targets", json=body)
+        picture = await running.client.get(f"/api/v1/video/cam-replay-alpha/frames/{frame_id}.jpg")
+        unknown = await running.client.post("/api/v1/targets", json={**body, "frame_id": 99})
+        outside = await running.client.post("/api/v1/targets", json={**body, "u_px": 999})
+
+    target = made.json()["properties"]
+    assert made.status_code == 201, made.text
+    assert_allclose(target["lat_deg"], LAT_DEG + math.degrees(10.0 / 6.368e6), atol=2e-7)
+    assert_allclose(target["lon_deg"], LON_DEG, atol=2e-7)
+    assert_allclose(target["alt_amsl_m"], 400.0, atol=0.1)
+    assert target["t_unix_us"] == T0_US + 2_000_000
+    assert target["ellipse95"]["semi_major_m"] > 2.0
+    assert picture.content.startswith(b"\xff\xd8")
+    assert unknown.status_code == 404
+    assert outside.status_code == 400
+
+
+async def test_a_flight_without_estimate_has_one_computed_and_kept(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha", with_estimate=False)
+    (tmp_path / "flights" / "alpha" / "estimate.csv").unlink()
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 16.0})
+        await until(running, lambda replays: replays[0]["progress"] is None)
+        vehicle = (await running.client.get("/api/v1/vehicles/replay-alpha")).json()
+
+    # This flight has no barometer and no inertial sensors: whether an estimate comes of it is the estimator's affair.
+    computed = list((tmp_path / "cache" / "estimates").glob("alpha-*/estimate.csv"))
+    assert computed or vehicle["estimate_problem"]
+
+
+async def test_jpeg_viewers_see_frames_with_the_same_identity(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 0.5})
+        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha?codec=jpeg") as video:
+            packets = [await asyncio.wait_for(video.recv(), PATIENCE_S) for _ in range(3)]
+
+    for packet in packets:
+        header = header_of(packet)
+        assert header["codec"] == "jpeg"
+        assert header["t_unix_us"] == T0_US + (header["frame_id"] - 100) * 40_000
+        assert packet.endswith(b"\xff\xd9")
+
+
+async def test_changes_that_make_no_sense_are_refused(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running:
+        client: httpx.AsyncClient = running.client
+        await client.post(FLIGHT, json={"speed": 1})
+        answers = [
+            await client.patch(REPLAY, json={"speed": 17}),
+            await client.patch("/api/v1/replays/replay-x", json={"paused": True}),
+            await client.post("/api/v1/flights/x/replay", json={}),
+            await client.post("/api/v1/vehicles/replay-alpha/navigation", json={"gps_denied": True}),
+            await client.delete("/api/v1/flights/alpha"),
+            await client.delete(REPLAY),
+            await client.delete(REPLAY),
+            await client.delete("/api/v1/flights/alpha"),
+        ]
+
+    assert [answer.status_code for answer in answers] == [422, 404, 404, 409, 409, 204, 404, 204]
+
+
+@pytest.mark.parametrize("broken", ["flight.json", "telemetry.tlog"])
+async def test_a_broken_folder_is_listed_with_its_problem(tmp_path: Path, broken: str) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    write_flight(elsewhere / "alpha")
+    shutil.copytree(elsewhere / "alpha", elsewhere / "beta")
+    (elsewhere / "beta" / broken).unlink()
+    async with running_station(tmp_path / "data", flights=(elsewhere,)) as running:
+        flights = {flight["id"]: flight for flight in (await running.client.get("/api/v1/flights")).json()}
+        refused = await running.client.post("/api/v1/flights/beta/replay", json={})
+        kept = await running.client.delete("/api/v1/flights/alpha")
+
+    assert flights["alpha"]["problem"] is None
+    assert flights["alpha"]["read_only"]
+    assert broken in flights["beta"]["problem"]
+    assert refused.status_code == 409
+    assert broken in refused.json()["detail"]
+    assert kept.status_code == 409
+
+
+async def test_the_stream_tells_where_a_replay_stands(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running, running.stream() as socket:
+        await running.client.post(FLIGHT, json={"speed": 2.0})
+        told = [await next_of(socket, "replay") for _ in range(3)]
+        state = await next_of(socket, "state")
+        telemetry = await next_of(socket, "telemetry")
+
+    assert [message["vehicle_id"] for message in told] == ["replay-alpha"] * 3
+    assert told[0]["t_unix_us"] < told[2]["t_unix_us"]
+    assert state["vehicle_id"] == telemetry["vehicle_id"] == "replay-alpha"
+    assert telemetry["vehicle_type"] == "helicopter"

@@ -1,0 +1,98 @@
+"""The target store, and databases that cannot be used."""
+
+import asyncio
+import sqlite3
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+from sqlalchemy import text
+
+from backend.errors import StartError, TargetChangedError, UnknownTargetError
+from backend.store.database import Database
+from backend.store.lock import DataDirLock
+from backend.store.targets import Target, TargetChange, TargetStore
+
+
+def target(name: str, created_us: int = 1) -> Target:
+    return Target(
+        name, name, 47.0, 8.0, 400.0, "ray_terrain", created_us, created_us, vehicle_id="1", frame_id=2**40,
+        t_unix_us=1_760_000_000_123_456, u_px=1.5, v_px=2.5, var_n_m2=1.0, var_e_m2=2.0, var_d_m2=3.0, cov_ne_m2=-0.1,
+    )  # fmt: skip
+
+
+@asynccontextmanager
+async def opened(path: Path) -> AsyncIterator[TargetStore]:
+    database = await Database.open(path)
+    try:
+        yield TargetStore(database)
+    finally:
+        await database.close()
+
+
+async def test_everything_of_a_target_comes_back(tmp_path: Path) -> None:
+    async with opened(tmp_path / "s.db") as store:
+        await store.add(target("b", 2))
+        await store.add(target("a", 1))
+    async with opened(tmp_path / "s.db") as store:
+        assert await store.all() == [target("a", 1), target("b", 2)]
+        assert await store.get("b") == target("b", 2)
+
+
+async def test_of_many_changes_to_one_version_one_wins(tmp_path: Path) -> None:
+    async with opened(tmp_path / "s.db") as store:
+        await store.add(target("a"))
+        changes = [store.change("a", TargetChange(name=f"n{n}"), 1, now_us=5) for n in range(20)]
+        results = await asyncio.gather(*changes, return_exceptions=True)
+        final = await store.get("a")
+
+    won = [result for result in results if isinstance(result, Target)]
+    assert len(won) == 1
+    assert sum(isinstance(result, TargetChangedError) for result in results) == 19
+    assert final == won[0]
+    assert (final.version, final.updated_unix_us) == (2, 5)
+
+
+async def test_unknown_targets_are_named(tmp_path: Path) -> None:
+    async with opened(tmp_path / "s.db") as store:
+        for call in (store.get("x"), store.change("x", TargetChange(), None, 1), store.delete("x", None)):
+            with pytest.raises(UnknownTargetError, match="'x'"):
+                await call
+
+
+async def test_commits_go_to_the_disk(tmp_path: Path) -> None:
+    database = await Database.open(tmp_path / "s.db")
+    async with database.session() as session:
+        settings = {
+            name: (await session.execute(text(f"PRAGMA {name}"))).scalar_one()
+            for name in ("journal_mode", "synchronous")
+        }
+    await database.close()
+
+    assert settings == {"journal_mode": "wal", "synchronous": 2}  # 2 is FULL
+
+
+async def test_a_file_that_is_no_database_is_named(tmp_path: Path) -> None:
+    (tmp_path / "s.db").write_bytes(b"this is not a database, it is a letter" * 100)
+
+    with pytest.raises(StartError, match=r"s\.db.*not a database"):
+        await Database.open(tmp_path / "s.db")
+
+
+async def test_a_database_of_the_future_is_left_alone(tmp_path: Path) -> None:
+    with sqlite3.connect(tmp_path / "s.db") as connection:
+        connection.execute("PRAGMA user_version = 99")
+
+    with pytest.raises(StartError, match="newer"):
+        await Database.open(tmp_path / "s.db")
+
+
+def test_a_folder_has_one_station(tmp_path: Path) -> None:
+    first, second = DataDirLock(tmp_path), DataDirLock(tmp_path)
+    first.acquire()
+    with pytest.raises(StartError, match="in use by another station"):
+        second.acquire()
+    first.release()
+    second.acquire()
+    second.release()
