@@ -73,21 +73,22 @@ class AttitudeTrack:
             return None
         index = bisect.bisect_left(self._t_us, t_us)
         if index == len(self._t_us):
-            beyond = t_us - self._t_us[-1]
-            if beyond > max_extrapolation_us:
-                return None
-            if len(self._q) < 2 or beyond == 0:
-                return self._q[-1]
-            span = self._t_us[-1] - self._t_us[-2]
-            if span > max_extrapolation_us:
-                return self._q[-1]
-            return q_slerp(self._q[-2], self._q[-1], 1.0 + beyond / span)
+            return self._beyond_newest(t_us, max_extrapolation_us)
         if index == 0:
             return self._q[0] if self._t_us[0] - t_us <= max_extrapolation_us else None
         before, after = self._t_us[index - 1], self._t_us[index]
         if after - before > 4 * max_extrapolation_us:
             return None
         return q_slerp(self._q[index - 1], self._q[index], (t_us - before) / (after - before))
+
+    def _beyond_newest(self, t_us: int, max_extrapolation_us: int) -> Float | None:
+        beyond = t_us - self._t_us[-1]
+        if beyond > max_extrapolation_us:
+            return None
+        span = self._t_us[-1] - self._t_us[-2] if len(self._t_us) > 1 else 0
+        if beyond == 0 or not 0 < span <= max_extrapolation_us:
+            return self._q[-1]
+        return q_slerp(self._q[-2], self._q[-1], 1.0 + beyond / span)
 
 
 class StateHistory:

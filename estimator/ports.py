@@ -19,15 +19,24 @@ class MapWindow(Protocol):
     """
 
     @property
-    def image(self) -> Image: ...
+    def image(self) -> Image:
+        """Grey picture (rows, cols)."""
+
     @property
-    def valid(self) -> NDArray[np.bool_]: ...
+    def valid(self) -> NDArray[np.bool_]:
+        """Which pixels hold imagery (rows, cols)."""
+
     @property
-    def north_max_m(self) -> float: ...
+    def north_max_m(self) -> float:
+        """North of the first row's centres."""
+
     @property
-    def east_min_m(self) -> float: ...
+    def east_min_m(self) -> float:
+        """East of the first column's centres."""
+
     @property
-    def gsd_m(self) -> float: ...
+    def gsd_m(self) -> float:
+        """Ground sample distance, metres per pixel."""
 
 
 class ReferenceMap(Protocol):
@@ -62,10 +71,3 @@ class Correlation:
     east_min_m: float
     step_m: float
     pixels: int
-
-
-class Matcher(Protocol):
-    """Turns grey images into channels and channels into a similarity surface."""
-
-    def channels(self, image: Image) -> NDArray[np.float32]:
-        """Channels (c, rows, cols) of a grey image."""

@@ -315,8 +315,8 @@ def _write_fixes(path: Path, fixes: list[FixReport]) -> None:
         for fix in fixes:
             std = np.sqrt(np.diag(fix.cov_ne_m2))
             table.write(
-                fix.t_us, fix.kind, int(fix.accepted), fix.reason, round(float(fix.north_m), 3), round(float(fix.east_m), 3),
-                round(float(std[0]), 3), round(float(std[1]), 3), round(fix.score, 4), round(fix.outlier_probability, 4),
-                round(math.degrees(fix.heading_correction_rad), 4), round(fix.scale_correction, 5), fix.frame_id,
-                round(fix.elapsed_ms, 2),
+                fix.t_us, fix.kind, int(fix.accepted), fix.reason, f"{fix.north_m:.3f}", f"{fix.east_m:.3f}",
+                f"{std[0]:.3f}", f"{std[1]:.3f}", f"{fix.score:.4f}", f"{fix.outlier_probability:.4f}",
+                f"{math.degrees(fix.heading_correction_rad):.4f}", f"{fix.scale_correction:.5f}", fix.frame_id,
+                f"{fix.elapsed_ms:.2f}",
             )  # fmt: skip

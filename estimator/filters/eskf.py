@@ -261,7 +261,7 @@ class ErrorStateFilter:
         T[part["clone_rotation"], part["clone_position"]] = 0.0
         self.P = T @ self.P @ T.T
 
-    def inflate(self, group: str, variance: Float) -> None:
+    def inflate(self, group: str, variance: float) -> None:
         """Add independent variance (diagonal) to a group of states."""
         np.einsum("ii->i", self.P)[self.layout.slices[group]] += variance
 

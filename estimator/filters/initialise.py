@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -120,7 +121,7 @@ def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: Pr
     """Nominal state and covariance (n, n) from the first estimate."""
     nominal = Nominal(first.motion, np.zeros(3), np.zeros(3), first.barometer_bias_m, np.zeros(3), np.zeros(3))
     std = np.zeros(layout.size)
-    for name, value in {
+    first_std: dict[str, Any] = {
         "position": first.position_std_m,
         "velocity": first.velocity_std_m_s,
         "attitude": guess.attitude_std_rad,
@@ -129,7 +130,8 @@ def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: Pr
         "barometer_bias": first.barometer_bias_std_m,
         "boresight": guess.boresight_std_rad,
         "attitude_bias": noise.attitude_bias_std_rad,
-    }.items():
+    }
+    for name, value in first_std.items():
         if layout.has(name):
             std[layout.slices[name]] = value
     P = np.diag(std**2)

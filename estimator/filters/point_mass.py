@@ -64,8 +64,8 @@ class PointMassFilter:
         self.density /= self.density.sum()
 
     def _axes(self, rows: int, cols: int) -> tuple[Float, Float]:
-        north = self.north_max_m - self.cell_m * np.arange(rows)
-        east = self.east_min_m + self.cell_m * np.arange(cols)
+        north = self.north_max_m - self.cell_m * np.arange(rows, dtype=np.float64)
+        east = self.east_min_m + self.cell_m * np.arange(cols, dtype=np.float64)
         return north, east
 
     def predict(self, displacement_ne_m: Float, cov_ne_m2: Float) -> None:

@@ -38,7 +38,7 @@ class MapFixConfig:
     max_search_m: float = 160.0
     correlation_share: float = 0.15
     min_weight: float = 0.05
-    max_outlier_probability: float = 0.5
+    max_outlier_probability: float = 0.9
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
     heading_floor_rad: float = 0.003
@@ -117,7 +117,6 @@ class MapFixer:
         self, match: Match, frame: FrameSample, started: float, eskf: ErrorStateFilter, camera: CameraAttitude,
         camera_pos_ned_m: Float,
     ) -> FixReport:  # fmt: skip
-        config = self.config
         H = terrain_fix.apparent_position_jacobian(eskf, camera, match.centre_ned_m, camera_pos_ned_m)
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)

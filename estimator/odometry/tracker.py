@@ -39,13 +39,13 @@ class CornerTracker:
     def __init__(self, camera: Camera, config: TrackerConfig | None = None) -> None:
         self.config = config or TrackerConfig()
         self._camera = camera
-        self._pyramid: tuple[Image, ...] | None = None
+        self._last: Image | None = None
         self._corners = np.empty((0, 1, 2), dtype=np.float32)
         self._criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.03)
 
     def reset(self) -> None:
         """Forget the last picture."""
-        self._pyramid = None
+        self._last = None
         self._corners = np.empty((0, 1, 2), dtype=np.float32)
 
     @property
@@ -59,17 +59,14 @@ class CornerTracker:
         None for the first picture and where nothing could be followed. Afterwards the picture's own corners (followed
         and new) are the ones to follow next.
         """
-        window = (self.config.window_px, self.config.window_px)
-        _, levels = cv2.buildOpticalFlowPyramid(image, window, self.config.levels)
-        pyramid = tuple(levels)
-        tracks = None if self._pyramid is None else self._follow(pyramid, predicted_uv_px)
+        tracks = self._follow(image, predicted_uv_px)
         followed = np.empty((0, 2)) if tracks is None else tracks.present_uv_px
-        self._pyramid = pyramid
+        self._last = image
         self._corners = self._replenished(image, followed)
         return tracks
 
-    def _follow(self, pyramid: tuple[Image, ...], predicted_uv_px: Float | None) -> Tracks | None:
-        if len(self._corners) == 0 or self._pyramid is None:
+    def _follow(self, image: Image, predicted_uv_px: Float | None) -> Tracks | None:
+        if len(self._corners) == 0 or self._last is None:
             return None
         window = (self.config.window_px, self.config.window_px)
         start = self._corners.copy()
@@ -79,7 +76,7 @@ class CornerTracker:
             start[finite, 0] = predicted_uv_px[finite]
             flags = cv2.OPTFLOW_USE_INITIAL_FLOW
         found, status, error = cv2.calcOpticalFlowPyrLK(
-            self._pyramid[0], pyramid[0], self._corners, start, winSize=window, maxLevel=self.config.levels,
+            self._last, image, self._corners, start, winSize=window, maxLevel=self.config.levels,
             criteria=self._criteria, flags=flags, minEigThreshold=1e-3,
         )  # fmt: skip
         uv = found.reshape(-1, 2)
@@ -103,6 +100,7 @@ class CornerTracker:
         new = cv2.goodFeaturesToTrack(
             image, config.max_corners - len(followed_uv_px), config.quality, config.min_distance_px, mask=mask
         )
-        if new is None:
+        # OpenCV's stubs do not know that it gives None where it finds nothing
+        if not isinstance(new, np.ndarray):
             return followed_uv_px.astype(np.float32).reshape(-1, 1, 2)
         return np.concatenate((followed_uv_px.astype(np.float32).reshape(-1, 1, 2), new.reshape(-1, 1, 2)))

@@ -118,7 +118,7 @@ class Registrar:
         source = _reduced(image, self._camera, pose, patch)
 
         def attempt(heading_rad: float, scale: float) -> _Attempt | None:
-            return self._attempt(source, search, patch, pose, radius_px, heading_rad, scale)
+            return self._attempt(source, search, patch, pose, heading_rad, scale)
 
         return self._best(attempt, headings_rad, scales, patch, radius_px, half_ne)
 
@@ -218,7 +218,7 @@ class Registrar:
         ratio = patch.gsd_m / window.gsd_m
         if ratio > 1.5:
             sigma = 0.4 * ratio
-            image = cv2.GaussianBlur(image, (0, 0), sigma)
+            image = _uint8(cv2.GaussianBlur(image, (0, 0), sigma))
         # bring the window onto the template's own grid, so that zero displacement is a whole pixel
         matrix = np.array(
             [
@@ -227,15 +227,15 @@ class Registrar:
             ]
         )
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        image = cv2.warpAffine(image, matrix, (cols, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
-        valid = cv2.warpAffine(valid, matrix, (cols, rows), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
-        known = valid > 0
+        picture = cv2.warpAffine(image, matrix, (cols, rows), flags=flags, borderMode=cv2.BORDER_REPLICATE)
+        covered = cv2.warpAffine(valid, matrix, (cols, rows), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP)
+        known = np.asarray(covered > 0)
         if known.mean() < 0.2:
             return NoMatch("too little of the reference map around the prediction")
-        return SearchArea(self._channels(image), known, (shape[0], shape[1]))
+        return SearchArea(self._channels(_uint8(picture)), known, (shape[0], shape[1]))
 
     def _attempt(
-        self, source: _Source, search: SearchArea, patch: _Patch, pose: CameraPose, radius_px: int, heading_rad: float,
+        self, source: _Source, search: SearchArea, patch: _Patch, pose: CameraPose, heading_rad: float,
         scale: float,
     ) -> _Attempt | None:  # fmt: skip
         cos, sin = np.cos(heading_rad), np.sin(heading_rad)
@@ -281,7 +281,7 @@ class _Source:
         image = cv2.remap(self.image, uv32[..., 0], uv32[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         # gradients at the rim of the mask see replicated pixels
         eroded = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
-        return image, eroded
+        return _uint8(image), np.asarray(eroded)
 
 
 def _reduced(image: Image, camera: Camera, pose: CameraPose, patch: _Patch) -> _Source:
@@ -289,10 +289,15 @@ def _reduced(image: Image, camera: Camera, pose: CameraPose, patch: _Patch) -> _
     distance = float(np.linalg.norm(patch.centre_ned_m - pose.pos_ned_m))
     factor = min(1.0, (distance / camera.fx_px) / patch.gsd_m * 1.15)
     if factor > 0.75:
-        return _Source(cv2.GaussianBlur(image, (0, 0), 0.6), camera)
+        return _Source(_uint8(cv2.GaussianBlur(image, (0, 0), 0.6)), camera)
     scaled = camera.scaled(factor)
     size = (scaled.width_px, scaled.height_px)
-    return _Source(cv2.resize(image, size, interpolation=cv2.INTER_AREA), scaled)
+    return _Source(_uint8(cv2.resize(image, size, interpolation=cv2.INTER_AREA)), scaled)
+
+
+def _uint8(image: np.ndarray) -> Image:
+    # OpenCV's stubs forget the type of a picture that keeps it
+    return np.asarray(image, dtype=np.uint8)
 
 
 def _vertex(

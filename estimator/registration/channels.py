@@ -14,9 +14,10 @@ Channels = NDArray[np.float32]
 def double_angle_gradients(image: Image, smoothing_px: float = 1.0) -> Channels:
     """Gradient direction in double-angle form, saturated in magnitude: channels (2, rows, cols).
 
-    c1 = (gx^2 - gy^2) / (m^2 + k), c2 = 2 gx gy / (m^2 + k) with k the median of m^2 over the textured pixels; a
-    reversal of contrast leaves them unchanged. Normalised gradient fields of Haber and Modersitzki (Intensity gradient
-    based registration and fusion of multi-modal images, MICCAI 2006) in the form that a correlation can sum.
+    c1 = (gx^2 - gy^2) / (m^2 + k), c2 = 2 gx gy / (m^2 + k) with k five times the median of m^2 over the textured
+    pixels, so that edges count and the grain between them does not; a reversal of contrast leaves them unchanged.
+    Normalised gradient fields of Haber and Modersitzki (Intensity gradient based registration and fusion of multi-modal
+    images, MICCAI 2006) in the form that a correlation can sum.
     """
     smooth = cv2.GaussianBlur(image, (0, 0), smoothing_px).astype(np.float32)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)
@@ -24,7 +25,7 @@ def double_angle_gradients(image: Image, smoothing_px: float = 1.0) -> Channels:
     xx, yy = gx * gx, gy * gy
     magnitude = xx + yy
     textured = magnitude[magnitude > 0.0]
-    k = float(np.median(textured)) if textured.size else 1.0
+    k = 5.0 * float(np.median(textured)) if textured.size else 1.0
     scale = 1.0 / (magnitude + max(k, 1.0))
     return np.stack(((xx - yy) * scale, 2.0 * gx * gy * scale))
 

@@ -31,6 +31,10 @@ class SearchArea:
         masked = channels * known
         self._channels = fft.rfft2(masked, self._shape)
         self._energy = fft.rfft2((masked * masked).sum(axis=0), self._shape)
+        spread = np.sqrt(max(float((masked * masked).sum()), 1e-12))
+        mean = np.abs(masked.sum(axis=(1, 2))) / np.sqrt(max(float(known.sum()), 1.0))
+        # gradient channels average to nothing over any window; grey values do not
+        self._has_mean = bool((mean > 0.2 * spread).any())
         self._known = None if valid.all() else fft.rfft2(known, self._shape)
 
     def correlate(self, template: Channels, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
@@ -48,9 +52,9 @@ class SearchArea:
         spectrum = np.conj(fft.rfft2(centred, self._shape))
         numerator = self._inverse((self._channels * spectrum).sum(axis=0))
         energy = self._inverse(self._energy * mask_spectrum)
-        # the window's own mean is small for gradient channels but not for grey values
-        for channel in self._channels:
-            energy = energy - self._inverse(channel * mask_spectrum) ** 2 / pixels
+        if self._has_mean:
+            for channel in self._channels:
+                energy = energy - self._inverse(channel * mask_spectrum) ** 2 / pixels
         template_energy = float((centred * centred).sum())
         floor = 1e-6 * pixels
         surface = numerator / np.sqrt(np.maximum(energy, floor) * max(template_energy, floor))

@@ -23,7 +23,7 @@ class LikelihoodCalibration:
 
     version: str = "double_angle/1"
     effective_fraction: float = 0.10
-    map_std_m: float = 0.3
+    map_std_m: float = 0.5
     map_std_px: float = 0.2
     floor: float = 0.01
 
@@ -63,7 +63,7 @@ def likelihood(
     row_at = (np.arange(shape[0], dtype=np.float32) / np.float32(ratio))[:, None].repeat(shape[1], axis=1)
     col_at = (np.arange(shape[1], dtype=np.float32) / np.float32(ratio))[None].repeat(shape[0], axis=0)
     fine = cv2.remap(surface, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    log_p = log_ratio(fine, calibration.effective_fraction * correlation.pixels)
+    log_p = log_ratio(np.asarray(fine, dtype=np.float32), calibration.effective_fraction * correlation.pixels)
     p = np.exp(weight * (log_p - log_p.max()))
     spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
     p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m / np.sqrt(weight), 0.3), borderType=cv2.BORDER_CONSTANT)

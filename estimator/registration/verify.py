@@ -64,9 +64,9 @@ class VerificationWeights:
 
     version: str = "double_angle/1"
     bias: float = 7.0
-    psr: float = -1.1
-    value: float = -9.0
-    second_ratio: float = 3.0
+    psr: float = -1.5
+    value: float = -6.0
+    second_ratio: float = 0.5
 
 
 def outlier_probability(peak: Peak, weights: VerificationWeights) -> float:
