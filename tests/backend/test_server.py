@@ -12,11 +12,12 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
+import structlog
 
 from backend.clock import unix_us
 from backend.demo import free_udp_ports
 from backend.errors import StartError
-from backend.server import address_of, listening_socket, refuse_open_bind
+from backend.server import address_of, configure_logging, listening_socket, refuse_open_bind
 from backend.video.recorded import RecordedVideo
 from geodata.flight import FlightFolder
 from simulator.video_out import H264TsSender
@@ -205,3 +206,19 @@ def test_a_taken_port_and_a_foreign_address_are_named() -> None:
             listening_socket("127.0.0.1", port)
     with pytest.raises(StartError, match=r"192\.0\.2\.1"):
         listening_socket("192.0.2.1", 0)
+
+
+def test_a_terminal_that_has_gone_ends_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Gone:
+        def write(self, _: str) -> int:
+            raise BrokenPipeError(32, "Broken pipe")
+
+        flush = isatty = lambda self: False
+
+    before = structlog.get_config()
+    monkeypatch.setattr(sys, "stderr", Gone())
+    configure_logging()
+    try:
+        structlog.get_logger("test").info("anybody there")
+    finally:
+        structlog.configure(**before)
