@@ -1,0 +1,79 @@
+"""Maps over REST: import, tiles, and files that are no maps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.transform import from_origin
+
+from geodata.raster import write_geotiff
+from tests.backend.station_runner import next_of, running_station
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def geotiff(path: Path) -> Path:
+    """200 x 200 m of noise near 47 N, 9 E."""
+    image = np.random.default_rng(1).integers(0, 255, (200, 200, 3), dtype=np.uint8)
+    write_geotiff(path, image, from_origin(500_000.0, 5_205_000.0, 1.0, 1.0), "EPSG:32632")
+    return path
+
+
+def without_crs(path: Path) -> bytes:
+    """A TIFF whose pixels lie somewhere, but nobody says on which globe."""
+    profile = {"driver": "GTiff", "width": 50, "height": 50, "count": 1, "dtype": "uint8"}
+    with rasterio.open(path, "w", transform=from_origin(0.0, 0.0, 1.0, 1.0), **profile) as out:
+        out.write(np.full((1, 50, 50), 7, np.uint8))
+    return path.read_bytes()
+
+
+async def test_an_uploaded_map_is_listed_shown_told_and_deleted(tmp_path: Path) -> None:
+    data = geotiff(tmp_path / "field.tif").read_bytes()
+    async with running_station(tmp_path / "data") as running, running.stream() as stream:
+        client = running.client
+        made = await client.post("/api/v1/maps", files={"file": ("field.tif", data)}, data={"name": "Field"})
+        told = await next_of(stream, "map")
+        map_id = made.json()["id"]
+        listed = (await client.get("/api/v1/maps")).json()
+        tile = await client.get(f"/api/v1/maps/{map_id}/tiles/14/{8601}/{5767}.png")
+        no_tile = await client.get(f"/api/v1/maps/{map_id}/tiles/2/9/0.png")
+        gone = await client.delete(f"/api/v1/maps/{map_id}")
+        after = await client.get(f"/api/v1/maps/{map_id}")
+        dropped = await next_of(stream, "map")
+
+    assert made.status_code == 201, made.text
+    assert listed == [made.json()]
+    assert (made.json()["name"], made.json()["kind"], made.json()["bands"]) == ("Field", "imagery", 3)
+    assert told["map"] == made.json()
+    assert 46.9 < made.json()["bounds"]["south_deg"] < made.json()["bounds"]["north_deg"] < 47.1
+    assert tile.content.startswith(PNG)
+    assert no_tile.status_code == 400
+    assert (gone.status_code, after.status_code) == (204, 404)
+    assert (dropped["action"], dropped["map"]) == ("deleted", map_id)
+
+
+@pytest.mark.parametrize("kind", ["empty", "text", "no CRS", "cut"])
+async def test_what_is_no_map_is_refused_in_words_and_leaves_nothing(tmp_path: Path, kind: str) -> None:
+    whole = geotiff(tmp_path / "a.tif").read_bytes()
+    contents = {"empty": b"", "text": b"hello", "cut": whole[: len(whole) // 3]}
+    data = without_crs(tmp_path / "b.tif") if kind == "no CRS" else contents[kind]
+    async with running_station(tmp_path / "data") as running:
+        refused = await running.client.post("/api/v1/maps", files={"file": ("broken.tif", data)})
+        listed = (await running.client.get("/api/v1/maps")).json()
+        health = await running.client.get("/healthz")
+
+    assert refused.status_code == 422
+    assert "broken.tif" in refused.json()["detail"]
+    assert listed == []
+    assert list((tmp_path / "data" / "inbox").iterdir()) == []
+    assert health.status_code == 200
+
+
+async def test_a_file_name_cannot_lead_out_of_the_inbox(tmp_path: Path) -> None:
+    data = geotiff(tmp_path / "a.tif").read_bytes()
+    async with running_station(tmp_path / "data") as running:
+        made = await running.client.post("/api/v1/maps", files={"file": ("../../../evil.tif", data)})
+
+    assert made.status_code == 201
+    assert not list(tmp_path.rglob("evil.tif"))
