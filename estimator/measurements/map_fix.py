@@ -213,4 +213,4 @@ def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 
 def _symmetric(reach: float, step: float, most: int) -> Float:
     """Zero and ``most`` steps at the most to either side, enough to reach ``reach``; at least one."""
     count = int(np.clip(np.ceil(reach / step), 1, most))
-    return step * np.arange(-count, count + 1)
+    return step * np.arange(-count, count + 1, dtype=np.float64)

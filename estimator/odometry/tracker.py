@@ -97,10 +97,9 @@ class CornerTracker:
         mask = np.full(image.shape, 255, dtype=np.uint8)
         for u, v in followed_uv_px.astype(int):
             cv2.circle(mask, (int(u), int(v)), int(config.min_distance_px), 0, -1)
-        new = cv2.goodFeaturesToTrack(
+        # annotated because OpenCV's stubs do not know that it gives None where it finds nothing
+        new: np.ndarray | None = cv2.goodFeaturesToTrack(
             image, config.max_corners - len(followed_uv_px), config.quality, config.min_distance_px, mask=mask
         )
-        # OpenCV's stubs do not know that it gives None where it finds nothing
-        if not isinstance(new, np.ndarray):
-            return followed_uv_px.astype(np.float32).reshape(-1, 1, 2)
-        return np.concatenate((followed_uv_px.astype(np.float32).reshape(-1, 1, 2), new.reshape(-1, 1, 2)))
+        old = followed_uv_px.astype(np.float32).reshape(-1, 1, 2)
+        return old if new is None else np.concatenate((old, new.reshape(-1, 1, 2)))
