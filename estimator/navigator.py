@@ -89,7 +89,11 @@ class Navigator:
         self._queue = SampleQueue()
         self._attitudes = AttitudeTrack()
         self._history = StateHistory(config.history_s)
-        self._initial = InitialConditions(config.initial, frame)
+        guess = config.initial
+        if Gimbal(gimbal) is not Gimbal.FIXED:
+            guess = replace(guess, boresight_std_rad=guess.gimbal_error_std_rad)
+        self._guess = guess
+        self._initial = InitialConditions(guess, frame)
         self._eskf: ErrorStateFilter | None = None
         self._earth = EarthModel.at(frame.lat_rad, frame.alt_m)
         self._odometry = VisualOdometry(camera, config.odometry)
@@ -200,7 +204,7 @@ class Navigator:
         guess = self._initial.ready(sample.t_us)
         if guess is None:
             return
-        nominal, P = aligned(guess, Layout.of(self.config.groups), self.config.initial, self.config.noise)
+        nominal, P = aligned(guess, Layout.of(self.config.groups), self._guess, self.config.noise)
         layout = Layout.of(self.config.groups)
         self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
         self._t_us = sample.t_us

@@ -76,7 +76,7 @@ class ProcessNoise:
     gyroscope_bias_rad_s_rt_s: float = 1.5e-4
     barometer_bias_m_rt_s: float = 0.12
     boresight_rad_rt_s: float = 1e-4
-    attitude_bias_std_rad: tuple[float, float, float] = (0.006, 0.006, 0.03)
+    attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)

@@ -18,7 +18,8 @@ class InitialGuess:
     """What to assume before the first measurements.
 
     ``lat_rad`` and ``lon_rad`` give a position to start from where no satellite fix comes within ``patience_s``; home
-    serves where they are None. Standard deviations are of the first estimate.
+    serves where they are None. Standard deviations are of the first estimate; the camera's is ``boresight_std_rad`` for
+    one fixed to the body and ``gimbal_error_std_rad`` for one whose gimbal reports its attitude.
     """
 
     lat_rad: float | None = None
@@ -28,7 +29,8 @@ class InitialGuess:
     attitude_std_rad: tuple[float, float, float] = (0.02, 0.02, 0.05)
     accelerometer_bias_std_m_s2: float = 0.15
     gyroscope_bias_std_rad_s: float = 0.005
-    boresight_std_rad: float = 0.012
+    boresight_std_rad: float = 0.006
+    gimbal_error_std_rad: float = 0.02
     unknown_height_std_m: float = 30.0
 
 

@@ -36,13 +36,13 @@ class MapFixConfig:
     search_sigmas: float = 3.5
     min_search_m: float = 6.0
     max_search_m: float = 160.0
-    correlation_share: float = 0.15
+    correlation_share: float = 0.25
     min_weight: float = 0.05
     max_outlier_probability: float = 0.9
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
     heading_floor_rad: float = 0.003
-    scale_floor: float = 0.003
+    scale_floor: float = 0.008
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
 
 

@@ -23,7 +23,7 @@ class LikelihoodCalibration:
 
     version: str = "double_angle/1"
     effective_fraction: float = 0.10
-    map_std_m: float = 0.5
+    map_std_m: float = 0.6
     map_std_px: float = 0.2
     floor: float = 0.01
 
