@@ -1,0 +1,205 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
+from estimator.odometry.planar import MIN_TRACKS, DisplacementResidual, displacement_residual, rotation_jacobian
+
+FIRST = np.array([0.0, 0.0, -100.0])
+SECOND = np.array([9.0, -5.0, -98.0])
+
+
+def _flat(north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+    return np.zeros_like(north_m)
+
+
+def _sloped(north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+    """Eight per cent down to the north, five up to the east."""
+    return 0.08 * north_m - 0.05 * east_m + 2.0
+
+
+def _ground(count: int, seed: int, down_at=_sloped) -> np.ndarray:
+    north, east = np.random.default_rng(seed).uniform(-45.0, 45.0, size=(2, count))
+    return np.stack((north, east, down_at(north, east)), axis=-1)
+
+
+def _rays(points_ned_m: np.ndarray, origin_ned_m: np.ndarray) -> np.ndarray:
+    rays = points_ned_m - origin_ned_m
+    return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+
+def _turned(rays: np.ndarray, rotvec: np.ndarray) -> np.ndarray:
+    return rays @ matrix_from_q(q_from_rotvec(rotvec)).T
+
+
+def _residual(
+    rays_first: np.ndarray, rays_second: np.ndarray, first=FIRST, second=SECOND, down_at=_sloped
+) -> DisplacementResidual:
+    residual = displacement_residual(rays_first, rays_second, first, second, down_at, 5e-4, 0.006)
+    assert residual is not None
+    return residual
+
+
+def test_true_poses_over_sloped_ground_leave_no_residual() -> None:
+    points = _ground(80, 1)
+
+    residual = _residual(_rays(points, FIRST), _rays(points, SECOND))
+
+    # the height is looked up twice: 0.08 x 0.05 of the first guess's error of about 5 m remains, averaged
+    assert_allclose(residual.residual_ne_m, 0.0, atol=0.03)
+    assert residual.tracks == 80
+    assert residual.inlier_fraction == 1.0
+
+
+@pytest.mark.parametrize("error_ne_m", [(1.5, 0.0), (0.0, -2.0), (-3.0, 4.0)])
+def test_wrong_displacement_comes_back_with_its_sign(error_ne_m: tuple[float, float]) -> None:
+    """
+    Fault: the second camera is predicted at an error from the truth; a fifth of the tracks are outliers.
+    Expected: solving the residual's own linear model for the second position gives the true one.
+    """
+    points = _ground(120, 2)
+    rng = np.random.default_rng(3)
+    true_rays = _rays(points + rng.normal(0.0, 0.05, size=points.shape), SECOND)
+    true_rays[:24] = _rays(points[:24] + np.array([8.0, 11.0, 0.0]), SECOND)
+    predicted = SECOND + np.array([*error_ne_m, 0.0])
+
+    residual = _residual(_rays(points, FIRST), true_rays, second=predicted)
+
+    to_truth = np.linalg.solve(residual.by_pos_second[:, :2], -residual.residual_ne_m)
+    assert_allclose(to_truth, -np.array(error_ne_m), atol=0.1)
+    assert residual.inlier_fraction == pytest.approx(0.8, abs=0.05)
+    assert residual.tracks >= 90
+
+
+def test_covariance_counts_a_third_of_the_tracks() -> None:
+    """Independent track noise alone: the normalised square is 2 (variance / 60) / (variance / 20 + 1e-4) = 0.47."""
+    rng = np.random.default_rng(4)
+    squares = []
+    for seed in range(300):
+        points = _ground(60, 100 + seed, _flat)
+        rays_first = _rays(points + rng.normal(0.0, [0.05, 0.05, 0.0], size=points.shape), FIRST)
+        rays_second = _rays(points + rng.normal(0.0, [0.05, 0.05, 0.0], size=points.shape), SECOND)
+        residual = displacement_residual(rays_first, rays_second, FIRST, SECOND, _flat, 5e-4, 0.0)
+        assert residual is not None
+        squares.append(residual.residual_ne_m @ np.linalg.solve(residual.cov_m2, residual.residual_ne_m))
+
+    # the mean of 300 has a standard deviation of 0.03
+    assert np.mean(squares) == pytest.approx(0.47, abs=0.12)
+
+
+def test_relative_error_grows_with_the_displacement() -> None:
+    points = _ground(60, 12, _flat)
+    rays_first, rays_second = _rays(points, FIRST), _rays(points, SECOND)
+
+    exact, relative = (
+        displacement_residual(rays_first, rays_second, FIRST, SECOND, _flat, 5e-4, share) for share in (0.0, 0.02)
+    )
+
+    assert exact is not None
+    assert relative is not None
+    assert_allclose(relative.cov_m2 - exact.cov_m2, np.eye(2) * (0.02 * np.hypot(9.0, 5.0)) ** 2, rtol=1e-9, atol=1e-12)
+
+
+def test_jacobians_agree_with_finite_differences() -> None:
+    points = _ground(60, 5, _flat) + np.array([20.0, -10.0, 0.0])
+    rays_first, rays_second = _rays(points, FIRST), _rays(points, SECOND)
+    base = _residual(rays_first, rays_second, down_at=_flat)
+
+    step = 1e-4
+    for axis in range(3):
+        nudge = step * np.eye(3)[axis]
+        for forward, backward, jacobian in (
+            (
+                _residual(rays_first, rays_second, first=FIRST + nudge, down_at=_flat),
+                _residual(rays_first, rays_second, first=FIRST - nudge, down_at=_flat),
+                base.by_pos_first,
+            ),
+            (
+                _residual(rays_first, rays_second, second=SECOND + nudge, down_at=_flat),
+                _residual(rays_first, rays_second, second=SECOND - nudge, down_at=_flat),
+                base.by_pos_second,
+            ),
+            (
+                _residual(_turned(rays_first, nudge), rays_second, down_at=_flat),
+                _residual(_turned(rays_first, -nudge), rays_second, down_at=_flat),
+                base.by_rotation_first,
+            ),
+            (
+                _residual(rays_first, _turned(rays_second, nudge), down_at=_flat),
+                _residual(rays_first, _turned(rays_second, -nudge), down_at=_flat),
+                base.by_rotation_second,
+            ),
+        ):
+            numeric = (forward.residual_ne_m - backward.residual_ne_m) / (2.0 * step)
+            assert_allclose(jacobian[:, axis], numeric, rtol=1e-5, atol=1e-4)
+
+
+def test_rotation_jacobian_of_the_nadir_ray() -> None:
+    """Straight down from 50 m: rolling right about north moves the point west, pitching about east moves it north."""
+    jacobian = rotation_jacobian(np.zeros((1, 2)), np.array([50.0]))
+
+    assert_allclose(jacobian, [[0.0, 50.0, 0.0], [-50.0, 0.0, 0.0]], atol=1e-12)
+
+
+def test_rotation_jacobian_agrees_with_turned_rays() -> None:
+    slope, height = np.array([[0.4, -0.7]]), np.array([80.0])
+    ray = np.array([0.4, -0.7, 1.0])
+    step = 1e-6
+    numeric = np.empty((2, 3))
+    for axis in range(3):
+        ahead, behind = (_turned(ray[None], sign * step * np.eye(3)[axis])[0] for sign in (1.0, -1.0))
+        numeric[:, axis] = 80.0 * (ahead[:2] / ahead[2] - behind[:2] / behind[2]) / (2.0 * step)
+
+    assert_allclose(rotation_jacobian(slope, height), numeric, rtol=1e-6)
+
+
+def test_unknown_ground_ahead_uses_the_height_below() -> None:
+    """The terrain model ends at the vehicle: the flat continuation serves, and nothing is NaN."""
+
+    def ends(north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+        return np.where(north_m > 5.0, np.nan, 0.0)
+
+    points = _ground(60, 6, _flat)
+
+    residual = _residual(_rays(points, FIRST), _rays(points, SECOND), down_at=ends)
+
+    assert_allclose(residual.residual_ne_m, 0.0, atol=1e-9)
+    assert np.isfinite(residual.cov_m2).all()
+
+
+def test_too_few_tracks_give_nothing() -> None:
+    points = _ground(MIN_TRACKS - 1, 7)
+
+    assert displacement_residual(_rays(points, FIRST), _rays(points, SECOND), FIRST, SECOND, _sloped, 5e-4, 0.0) is None
+
+
+def test_rays_above_the_horizon_are_left_out() -> None:
+    points = _ground(40, 8)
+    rays_first, rays_second = _rays(points, FIRST), _rays(points, SECOND)
+    rays_first[:30, 2] *= -1.0
+
+    assert _residual(rays_first, rays_second).tracks == 10
+    rays_first[30, 2] *= -1.0
+    assert displacement_residual(rays_first, rays_second, FIRST, SECOND, _sloped, 5e-4, 0.0) is None
+
+
+def test_camera_at_the_ground_gives_nothing() -> None:
+    points = _ground(40, 9, _flat)
+    low = np.array([0.0, 0.0, -0.3])
+
+    assert displacement_residual(_rays(points, low), _rays(points, SECOND), low, SECOND, _flat, 5e-4, 0.0) is None
+
+
+def test_disagreeing_tracks_give_nothing() -> None:
+    """No common motion: a tight core far from most of the tracks must not pass as the majority."""
+    points = _ground(60, 10, _flat)
+    scattered = points.copy()
+    angle = np.linspace(0.0, 2.0 * np.pi, 45, endpoint=False)
+    reach = np.linspace(4.0, 60.0, 45)
+    scattered[:45, 0] += reach * np.cos(angle)
+    scattered[:45, 1] += reach * np.sin(angle)
+
+    residual = displacement_residual(_rays(points, FIRST), _rays(scattered, SECOND), FIRST, SECOND, _flat, 5e-4, 0.0)
+
+    # either refused, or so unsure that it weighs nothing
+    assert residual is None or np.sqrt(residual.cov_m2[0, 0]) > 2.0
