@@ -1,0 +1,282 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.strapdown import EarthModel, Motion
+from estimator.geometry.rotation import (
+    matrix_from_q,
+    q_conjugate,
+    q_from_euler,
+    q_from_rotvec,
+    q_multiply,
+    rotvec_from_q,
+)
+
+EARTH = EarthModel.at(np.deg2rad(47.0), 300.0)
+FULL = Layout.of(STATE_GROUPS)
+RATE = np.array([0.12, -0.2, 0.35])
+FORCE = np.array([1.4, -0.8, -10.6])
+QUIET = ProcessNoise(
+    accelerometer_m_s2_rt_s=0.0,
+    gyroscope_rad_rt_s=0.0,
+    accelerometer_bias_m_s2_rt_s=0.0,
+    gyroscope_bias_rad_s_rt_s=0.0,
+    barometer_bias_m_rt_s=0.0,
+    boresight_rad_rt_s=0.0,
+    attitude_bias_std_rad=(0.0, 0.0, 0.0),
+)
+
+
+def _nominal() -> Nominal:
+    return Nominal(
+        motion=Motion(np.array([30.0, -12.0, -90.0]), np.array([11.0, -6.0, 0.7]), q_from_euler(0.2, -0.15, 1.1)),
+        accelerometer_bias_m_s2=np.array([0.05, -0.03, 0.08]),
+        gyroscope_bias_rad_s=np.array([0.002, -0.001, 0.003]),
+        barometer_bias_m=4.0,
+        boresight_rad=np.array([0.004, -0.006, 0.002]),
+        attitude_bias_rad=np.array([0.01, 0.005, -0.02]),
+        clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
+    )
+
+
+def _filter(P: np.ndarray, nominal: Nominal | None = None, noise: ProcessNoise = QUIET) -> ErrorStateFilter:
+    return ErrorStateFilter(nominal or _nominal(), P.copy(), FULL, EARTH, noise)
+
+
+def _turn(q_to: np.ndarray, q_from: np.ndarray) -> np.ndarray:
+    """Rotation about the NED axes that takes ``q_from`` to ``q_to``."""
+    return rotvec_from_q(q_multiply(q_to, q_conjugate(q_from)))
+
+
+def _difference(to: Nominal, of: Nominal) -> np.ndarray:
+    """Error state (n,) that moves ``of`` onto ``to``, written out by hand."""
+    assert to.clone is not None
+    assert of.clone is not None
+    return np.concatenate(
+        (
+            to.motion.pos_ned_m - of.motion.pos_ned_m,
+            to.motion.vel_ned_m_s - of.motion.vel_ned_m_s,
+            _turn(to.motion.q_ned_from_body, of.motion.q_ned_from_body),
+            to.accelerometer_bias_m_s2 - of.accelerometer_bias_m_s2,
+            to.gyroscope_bias_rad_s - of.gyroscope_bias_rad_s,
+            [to.barometer_bias_m - of.barometer_bias_m],
+            to.boresight_rad - of.boresight_rad,
+            to.attitude_bias_rad - of.attitude_bias_rad,
+            to.clone.pos_ned_m - of.clone.pos_ned_m,
+            _turn(to.clone.q_ned_from_camera, of.clone.q_ned_from_camera),
+        )
+    )
+
+
+def _moved(nominal: Nominal, dx: np.ndarray) -> Nominal:
+    """The nominal state with an error put in: an update that trusts its measurement fully."""
+    eskf = _filter(np.eye(FULL.size), nominal)
+    eskf.update(dx, np.eye(FULL.size), np.eye(FULL.size) * 1e-18)
+    return eskf.nominal
+
+
+def _transition(dt_s: float) -> np.ndarray:
+    """The F that predict_inertial uses, read off F P F' column by column."""
+    F = np.empty((FULL.size, FULL.size))
+    for i in range(FULL.size):
+        u = np.eye(FULL.size)[i]
+        eskf = _filter(np.outer(u, u))
+        eskf.predict_inertial(RATE, FORCE, dt_s)
+        # P is (F u)(F u)' here, and F's diagonal is positive
+        F[:, i] = eskf.P[:, i] / np.sqrt(eskf.P[i, i])
+    return F
+
+
+def test_transition_agrees_with_finite_differences_of_the_strapdown() -> None:
+    """
+    Every column of F against the nominal propagation of a disturbed state.
+
+    The filter's F leaves out terms of second order in the step: at 5 ms they are below 1e-4 of a unit.
+    """
+    dt_s, step = 0.005, 1e-5
+    F = _transition(dt_s)
+    numeric = np.empty_like(F)
+    for i in range(FULL.size):
+        ends = []
+        for sign in (1.0, -1.0):
+            eskf = _filter(np.eye(FULL.size), _moved(_nominal(), sign * step * np.eye(FULL.size)[i]))
+            eskf.predict_inertial(RATE, FORCE, dt_s)
+            ends.append(eskf.nominal)
+        numeric[:, i] = _difference(ends[0], ends[1]) / (2.0 * step)
+
+    assert_allclose(F, numeric, atol=2e-4)
+    # and the blocks that matter are far above that tolerance
+    assert np.abs(numeric[3:6, 6:9]).max() > 0.04
+    assert np.abs(numeric[6:9, 12:15]).max() > 4e-3
+
+
+def test_injection_moves_every_group_by_its_correction() -> None:
+    dx = np.random.default_rng(1).normal(0.0, 0.01, size=FULL.size)
+
+    assert_allclose(_difference(_moved(_nominal(), dx), _nominal()), dx, atol=1e-9)
+
+
+def test_attitude_correction_turns_about_the_ned_axes() -> None:
+    """A tenth of a radian about down changes the yaw by as much, whatever roll and pitch are."""
+    dx = np.zeros(FULL.size)
+    dx[FULL.slices["attitude"]] = [0.0, 0.0, 0.1]
+
+    moved = matrix_from_q(_moved(_nominal(), dx).motion.q_ned_from_body)
+    before = matrix_from_q(_nominal().motion.q_ned_from_body)
+
+    yaw = np.arctan2(moved[1, 0], moved[0, 0]) - np.arctan2(before[1, 0], before[0, 0])
+    assert yaw == pytest.approx(0.1, abs=1e-9)
+    assert_allclose(moved[2], before[2], atol=1e-9)
+
+
+def test_rejected_innovation_leaves_the_state_alone() -> None:
+    eskf = _filter(np.eye(FULL.size))
+    before = eskf.nominal
+
+    accepted, nis = eskf.update(
+        np.array([50.0]), FULL.jacobian(1, position=np.array([[1.0, 0.0, 0.0]])), np.eye(1), 9.0
+    )
+
+    assert not accepted
+    assert np.isnan(nis)
+    assert eskf.nominal is before
+    assert_allclose(eskf.P, np.eye(FULL.size))
+
+
+def test_clone_is_fully_correlated_with_the_present() -> None:
+    """Right after cloning, the displacement since the picture is known exactly, however uncertain the position."""
+    rng = np.random.default_rng(2)
+    root = rng.normal(size=(FULL.size, FULL.size))
+    eskf = _filter(root @ root.T)
+    by_state = FULL.jacobian(3, attitude=np.eye(3), boresight=matrix_from_q(_nominal().motion.q_ned_from_body))
+    expected = by_state @ eskf.P @ by_state.T
+
+    eskf.clone(Clone(eskf.nominal.motion.pos_ned_m, q_from_euler(0.0, -1.5, 0.4)), by_state)
+
+    displacement = FULL.jacobian(3, position=np.eye(3), clone_position=-np.eye(3))
+    assert_allclose(displacement @ eskf.P @ displacement.T, 0.0, atol=1e-9)
+    turn = by_state - FULL.jacobian(3, clone_rotation=np.eye(3))
+    assert_allclose(turn @ eskf.P @ turn.T, 0.0, atol=1e-9)
+    assert_allclose(eskf.cov("clone_rotation"), expected)
+
+
+def test_relative_measurement_bounds_velocity_and_not_position() -> None:
+    """
+    Forty exact-model odometry steps: the position's variance may only grow, by no more than what the steps allow.
+
+    Without the clone, each displacement would be taken for independent knowledge of the position and shrink it.
+    """
+    P = np.diag(np.full(FULL.size, 1e-8))
+    P[FULL.slices["position"], FULL.slices["position"]] = np.eye(3) * 25.0
+    P[FULL.slices["velocity"], FULL.slices["velocity"]] = np.eye(3) * 4.0
+    level = replace(_nominal().motion, q_ned_from_body=np.array([1.0, 0.0, 0.0, 0.0]))
+    eskf = _filter(P, replace(_nominal(), motion=level), ProcessNoise())
+    hover = np.array([0.0, 0.0, -EARTH.gravity_m_s2])
+    H = FULL.jacobian(2, position=np.eye(3)[:2], clone_position=-np.eye(3)[:2])
+    variances = []
+    for _ in range(40):
+        eskf.clone(Clone(eskf.nominal.motion.pos_ned_m, np.array([1.0, 0.0, 0.0, 0.0])), np.zeros((3, FULL.size)))
+        for _ in range(10):
+            eskf.predict_inertial(np.zeros(3), hover, 0.02)
+        eskf.update(np.zeros(2), H, np.eye(2) * 0.05**2)
+        variances.append(eskf.cov("position")[0, 0])
+
+    assert min(variances) > 25.0 - 1e-6
+    # 40 independent steps of 5 cm, and the interval before the first measurement
+    assert variances[-1] < 25.0 + 1.0
+    assert eskf.cov("velocity")[0, 0] < 0.1
+
+
+def test_attitude_driven_prediction_moves_by_velocity_and_takes_the_attitude() -> None:
+    P = np.zeros((FULL.size, FULL.size))
+    P[FULL.slices["velocity"], FULL.slices["velocity"]] = np.eye(3)
+    eskf = _filter(P, noise=ProcessNoise(manoeuvre_m_s2_rt_s=(2.0, 2.0, 1.0)))
+    q = q_from_euler(0.1, 0.0, -2.0)
+    start = eskf.nominal.motion
+
+    for _ in range(20):
+        eskf.predict_attitude_driven(q, np.array([0.01, 0.01, 0.03]), 60.0, 0.1)
+
+    assert_allclose(eskf.nominal.motion.pos_ned_m, start.pos_ned_m + 2.0 * start.vel_ned_m_s)
+    assert_allclose(eskf.nominal.motion.q_ned_from_body, q)
+    # random walk of velocity: variance q t in velocity, t^2 + q t^3 / 3 in position; each step's noise comes without
+    # its cross term between the two, which for 20 steps is 5 % of the position's variance
+    assert eskf.cov("velocity")[0, 0] == pytest.approx(1.0 + 4.0 * 2.0)
+    assert eskf.cov("position")[0, 0] == pytest.approx(4.0 + 4.0 * 8.0 / 3.0, rel=0.06)
+    assert eskf.cov("attitude")[2, 2] == pytest.approx(0.03**2 * (1.0 - np.exp(-2.0 * 2.0 / 60.0)), rel=1e-6)
+
+
+def test_layout_drops_absent_groups_and_names_unknown_ones() -> None:
+    layout = Layout.of(("attitude", "position", "velocity"))
+
+    assert layout.size == 9
+    assert layout.slices["attitude"] == slice(6, 9)
+    assert_allclose(layout.jacobian(1, boresight=np.ones((1, 3)), velocity=np.ones((1, 3)))[0, 3:6], 1.0)
+    assert not layout.jacobian(1, boresight=np.ones((1, 3))).any()
+    with pytest.raises(ValueError, match="wind"):
+        Layout.of(("position", "wind"))
+
+
+def _run(seed: int, seconds: float) -> list[float]:
+    """
+    NEES of position, velocity and attitude over one simulated flight of the filter's own model.
+
+    The truth flies a turn; its readings get white noise and biases drawn from the filter's own numbers, and a position
+    measurement comes each second. The stated noise is the true noise: a consistent filter's NEES is nine.
+    """
+    rng = np.random.default_rng(seed)
+    noise = ProcessNoise()
+    groups = ("position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias")
+    layout = Layout.of(groups)
+    std = np.repeat([2.0, 0.5, 0.02, 0.1, 0.003], 3)
+    zero = np.zeros(3)
+    motion = Motion(np.array([0.0, 0.0, -100.0]), np.array([15.0, 0.0, 0.0]), q_from_euler(0.1, 0.02, 0.0))
+    error = rng.normal(0.0, std)
+    start = Motion(
+        motion.pos_ned_m - error[:3],
+        motion.vel_ned_m_s - error[3:6],
+        q_multiply(q_from_rotvec(-error[6:9]), motion.q_ned_from_body),
+    )
+    # a second, noiseless filter is the world: its nominal state is the truth
+    world = ErrorStateFilter(Nominal(motion, zero, zero, 0.0, zero, zero), np.zeros((15, 15)), layout, EARTH, QUIET)
+    eskf = ErrorStateFilter(Nominal(start, zero, zero, 0.0, zero, zero), np.diag(std**2), layout, EARTH, noise)
+    accelerometer_bias, gyroscope_bias = error[9:12], error[12:15]
+    dt_s = 0.05
+    H = layout.jacobian(3, position=np.eye(3))
+    nees = []
+    for k in range(int(seconds / dt_s)):
+        rate = np.array([0.0, 0.01, 0.1]) + 0.1 * np.sin(0.02 * k * np.array([1.0, 1.3, 0.7]))
+        force = np.array([0.4 * np.sin(0.05 * k), 0.9, -EARTH.gravity_m_s2])
+        world.predict_inertial(rate, force, dt_s)
+        accelerometer_bias = accelerometer_bias + rng.normal(size=3) * noise.accelerometer_bias_m_s2_rt_s * dt_s**0.5
+        gyroscope_bias = gyroscope_bias + rng.normal(size=3) * noise.gyroscope_bias_rad_s_rt_s * dt_s**0.5
+        eskf.predict_inertial(
+            rate + gyroscope_bias + rng.normal(size=3) * noise.gyroscope_rad_rt_s / dt_s**0.5,
+            force + accelerometer_bias + rng.normal(size=3) * noise.accelerometer_m_s2_rt_s / dt_s**0.5,
+            dt_s,
+        )
+        truth, now = world.nominal.motion, eskf.nominal.motion
+        if k % 20 == 19:
+            z = truth.pos_ned_m + rng.normal(0.0, 1.5, size=3) - now.pos_ned_m
+            eskf.update(z, H, np.eye(3) * 1.5**2)
+            now = eskf.nominal.motion
+            e = np.concatenate(
+                (
+                    truth.pos_ned_m - now.pos_ned_m,
+                    truth.vel_ned_m_s - now.vel_ned_m_s,
+                    _turn(truth.q_ned_from_body, now.q_ned_from_body),
+                )
+            )
+            nees.append(float(e @ np.linalg.solve(eskf.P[:9, :9], e)))
+    return nees
+
+
+def test_errors_match_their_covariance_over_seeds() -> None:
+    nees = np.array([_run(seed, 15.0) for seed in range(30)])
+
+    # 30 independent flights: the mean of a chi-square of nine degrees over 30 has a deviation of sqrt(18 / 30) = 0.77
+    assert nees.mean() == pytest.approx(9.0, abs=2.3)
+    assert nees[:, -1].mean() == pytest.approx(9.0, abs=2.3)
