@@ -1,0 +1,263 @@
+import numpy as np
+import pytest
+
+from estimator.filters.initialise import InitialGuess
+from estimator.geometry.camera import Camera, Mount
+from estimator.geometry.ground import intersect_plane
+from estimator.geometry.local import LocalFrame
+from estimator.navigator import Navigator, NavigatorConfig
+from estimator.types import (
+    AttitudeSample,
+    BarometerSample,
+    FixReport,
+    FrameSample,
+    GnssSample,
+    InertialSample,
+    Mode,
+)
+from tests.estimator.registration.test_alignment import MAP, NADIR_TOP_NORTH, TexturedMap
+
+FRAME = LocalFrame(np.deg2rad(47.0), np.deg2rad(8.0), 250.0)
+CAMERA = Camera.from_hfov(240, 180, np.deg2rad(60.0))
+MOUNT = Mount(0.0, -np.pi / 2, 0.0, np.zeros(3))
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+T0_US = 1_700_000_000_000_000
+SPEED = 8.0
+START = np.array([-70.0, 10.0, -110.0])
+
+
+class FlatGround:
+    def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+        return np.full(np.shape(north_m), 250.0)
+
+
+def _truth(t_s: float) -> np.ndarray:
+    """Level flight due north."""
+    return START + np.array([SPEED * t_s, 0.0, 0.0])
+
+
+def _picture(pos_ned_m: np.ndarray) -> np.ndarray:
+    uv = np.stack(np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px)), axis=-1).astype(np.float64)
+    points = intersect_plane(pos_ned_m, (CAMERA.rays(uv) @ NADIR_TOP_NORTH.T).reshape(-1, 3), 0.0)
+    north, east = (points[:, i].reshape(CAMERA.height_px, CAMERA.width_px) for i in (0, 1))
+    return MAP.at(north, east)
+
+
+def _t_us(t_s: float) -> int:
+    return T0_US + round(t_s * 1e6)
+
+
+def _gnss(t_s: float, offset_ned_m: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> GnssSample:
+    lat, lon, alt = FRAME.geodetic_from_ned(_truth(t_s) + np.array(offset_ned_m))
+    vel = np.array([SPEED, 0.0, 0.0])
+    return GnssSample(_t_us(t_s), float(lat), float(lon), float(alt), vel, 1.5, 2.5, 12)
+
+
+def _navigator(reference: TexturedMap | None = MAP, **changes: object) -> Navigator:
+    return Navigator(NavigatorConfig(**changes), CAMERA, MOUNT, "fixed", FRAME, reference, FlatGround())
+
+
+def _fly(
+    navigator: Navigator, start_s: float, end_s: float, *, gnss: bool = True, frames: bool = True, inertial: bool = True
+) -> list[FixReport]:
+    """Offer and process all that the vehicle reports in a span."""
+    reports: list[FixReport] = []
+    support = np.array([0.0, 0.0, -9.8065])
+    for k in range(round(start_s * 20), round(end_s * 20)):
+        t_s = k / 20.0
+        if inertial:
+            navigator.offer(InertialSample(_t_us(t_s), np.zeros(3), support))
+        if k % 4 == 0:
+            navigator.offer(AttitudeSample(_t_us(t_s), LEVEL, np.zeros(3)))
+            navigator.offer(BarometerSample(_t_us(t_s), 360.0))
+        if gnss and k % 20 == 0:
+            navigator.offer(_gnss(t_s))
+        if frames and k % 10 == 5:
+            navigator.offer(FrameSample(_t_us(t_s), k, _picture(_truth(t_s))))
+        reports += navigator.advance(_t_us(t_s))
+    return reports
+
+
+def _error_m(navigator: Navigator) -> float:
+    state = navigator.state
+    assert state is not None
+    truth = _truth((state.t_us - T0_US) / 1e6)
+    return float(np.hypot(*(state.pos_ned_m - truth)[:2]))
+
+
+@pytest.mark.parametrize("inertial", [True, False])
+def test_gps_denied_keeps_following_by_vision(inertial: bool) -> None:
+    """
+    Fault: satellites are denied after three seconds, for twelve.
+    Expected: map fixes hold the position within the map's own resolution, and the mode says vision.
+    """
+    navigator = _navigator()
+    _fly(navigator, 0.0, 3.0, inertial=inertial)
+    assert navigator.state is not None
+    assert navigator.state.mode is Mode.GPS
+    assert navigator.state.process_model == ("inertial" if inertial else "attitude")
+    navigator.gps_denied = True
+
+    reports = _fly(navigator, 3.0, 15.0, inertial=inertial)
+
+    assert sum(report.accepted for report in reports) >= 15
+    assert navigator.state.mode is Mode.VISION
+    # one map pixel is a metre
+    assert _error_m(navigator) < 1.5
+    std = np.sqrt(np.linalg.eigvalsh(navigator.state.cov_pos_ned_m2[:2, :2])[-1])
+    assert 0.05 < std < 3.0
+    assert _error_m(navigator) < 3.0 * std
+    assert navigator.state.last_fix_age_s < 2.0
+
+
+def test_without_map_or_satellites_it_is_dead_reckoning_and_grows_unsure() -> None:
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 3.0)
+    before = navigator.state
+    navigator.gps_denied = True
+
+    reports = _fly(navigator, 3.0, 12.0)
+
+    after = navigator.state
+    assert before is not None
+    assert after is not None
+    assert reports == []
+    assert after.mode is Mode.DEAD_RECKONING
+    assert after.cov_pos_ned_m2[0, 0] > before.cov_pos_ned_m2[0, 0]
+    # odometry over 70 m of flight
+    assert _error_m(navigator) < 3.0
+
+
+def test_gps_denied_blocks_satellites() -> None:
+    """
+    Fault: the receiver is spoofed 60 m away while its use is denied.
+    Expected: not one fix reaches the filter, the count stays.
+    """
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 3.0, frames=False)
+    navigator.gps_denied = True
+    fused = navigator.counts["gnss"]
+
+    for k in range(3):
+        navigator.offer(_gnss(3.0 + k, (60.0, 0.0, 0.0)))
+    _fly(navigator, 3.0, 6.0, gnss=False, frames=False)
+
+    assert navigator.counts["gnss"] == fused
+    assert navigator.counts.get("gnss_rejected", 0) == 0
+    assert _error_m(navigator) < 6.0
+
+
+def test_gps_denied_blocks_alignment_by_satellites() -> None:
+    navigator = _navigator(initial=InitialGuess(patience_s=1e3))
+    navigator.gps_denied = True
+
+    _fly(navigator, 0.0, 3.0, frames=False)
+
+    assert navigator.state is None
+    assert navigator.waiting_for is not None
+    assert "position" in navigator.waiting_for
+
+
+def test_gnss_spike_is_gated() -> None:
+    """
+    Fault: one position fix 80 m off, mid-flight.
+    Expected: it is rejected and counted; the estimate does not move.
+    """
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 6.0, frames=False)
+
+    navigator.offer(_gnss(6.0, (0.0, 80.0, 0.0)))
+    _fly(navigator, 6.0, 6.5, gnss=False, frames=False)
+
+    assert navigator.counts["gnss_rejected"] == 1
+    assert _error_m(navigator) < 2.0
+
+
+def test_late_samples_are_refused_and_counted() -> None:
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 3.0, frames=False)
+    state = navigator.state
+    assert navigator.counts["late"] == 0
+
+    navigator.offer(BarometerSample(_t_us(1.0), 900.0))
+    navigator.offer(_gnss(1.5, (500.0, 0.0, 0.0)))
+    navigator.advance(_t_us(2.95))
+
+    assert navigator.counts["late"] == 2
+    assert state is not None
+    assert navigator.state is not None
+    np.testing.assert_array_equal(navigator.state.pos_ned_m, state.pos_ned_m)
+
+
+def test_order_of_arrival_within_the_horizon_does_not_matter() -> None:
+    """The same samples offered forwards and backwards before one advance: the same state to the last bit."""
+    states = []
+    for reverse in (False, True):
+        navigator = _navigator(reference=None)
+        _fly(navigator, 0.0, 2.0, frames=False)
+        samples = [InertialSample(_t_us(2.0 + k / 50), np.zeros(3), np.array([0.1, 0.0, -9.8])) for k in range(25)]
+        samples.append(_gnss(2.21))
+        samples.append(BarometerSample(_t_us(2.33), 360.4))
+        for sample in reversed(samples) if reverse else samples:
+            navigator.offer(sample)
+        navigator.advance(_t_us(2.5))
+        states.append(navigator.state)
+
+    first, second = states
+    assert first is not None
+    assert second is not None
+    np.testing.assert_array_equal(first.pos_ned_m, second.pos_ned_m)
+    np.testing.assert_array_equal(first.cov_pos_ned_m2, second.cov_pos_ned_m2)
+
+
+def test_frozen_pictures_are_not_motion() -> None:
+    """
+    Fault: the video repeats its last picture while the vehicle flies on.
+    Expected: no odometry says that it stands still, no fix places it back; the speed stays.
+    """
+    navigator = _navigator()
+    _fly(navigator, 0.0, 4.0)
+    navigator.gps_denied = True
+    _fly(navigator, 4.0, 5.0, gnss=False)
+    odometry = navigator.counts["odometry"]
+    last = _picture(_truth(4.75))
+    reports: list[FixReport] = []
+
+    for k in range(10, 18):
+        navigator.offer(FrameSample(_t_us(k * 0.5 + 0.01), 1000 + k, last))
+        reports += _fly(navigator, k * 0.5, k * 0.5 + 0.5, gnss=False, frames=False)
+
+    assert navigator.counts["odometry"] == odometry
+    assert reports == []
+    assert navigator.state is not None
+    # four seconds without a position
+    assert navigator.state.vel_ned_m_s[0] == pytest.approx(SPEED, abs=1.0)
+    assert _error_m(navigator) < 4.0
+
+
+def test_prediction_carries_on_and_leaves_the_filter_alone() -> None:
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 4.0, frames=False)
+    state = navigator.state
+    assert state is not None
+
+    ahead = navigator.predict(state.t_us + 500_000)
+
+    assert ahead is not None
+    np.testing.assert_allclose(ahead.pos_ned_m - state.pos_ned_m, state.vel_ned_m_s * 0.5, atol=0.05)
+    assert ahead.cov_pos_ned_m2[0, 0] > state.cov_pos_ned_m2[0, 0]
+    assert navigator.state is not None
+    np.testing.assert_array_equal(navigator.state.pos_ned_m, state.pos_ned_m)
+
+
+def test_history_answers_for_the_past_only() -> None:
+    navigator = _navigator(reference=None)
+    assert navigator.predict(_t_us(1.0)) is None
+    _fly(navigator, 0.0, 4.0, frames=False)
+
+    past = navigator.state_at(_t_us(2.5))
+
+    assert past is not None
+    assert past.t_us == _t_us(2.5)
+    assert past.pos_ned_m[0] == pytest.approx(_truth(2.5)[0], abs=1.5)
+    assert navigator.state_at(_t_us(60.0)) is None
