@@ -1,0 +1,128 @@
+"""The demonstration as an operator meets it: the command, the page in a browser, the switch, a click, the numbers."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from tests.e2e.demo_process import OUTPUT, ROOT, Deadline, RunningDemo, running_demo
+
+SEED = 5
+PATIENCE_S = 225.0
+CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
+ESTIMATED_MODES = ("vision", "dead_reckoning")
+
+pytestmark = pytest.mark.timeout(240)
+
+
+@dataclass(slots=True)
+class Console:
+    """The open page beside the station's own answers."""
+
+    page: Page
+    client: httpx.Client
+    demo: RunningDemo
+    deadline: Deadline
+    errors: list[str]
+
+    def debug(self, expression: str) -> Any:
+        return self.page.evaluate(f"() => window.pilotageDebug.{expression}")
+
+    def wait_until(self, condition: str, *numbers: float) -> None:
+        """Wait for a condition on ``d`` (pilotageDebug) and ``n`` (the numbers)."""
+        self.page.wait_for_function(
+            f"(n) => {{ const d = window.pilotageDebug; return d !== undefined && ({condition}); }}",
+            arg=list(numbers), timeout=self.deadline.left_ms, polling=100,
+        )  # fmt: skip
+
+    def get(self, path: str, **parameters: str) -> Any:
+        answer = self.client.get(f"/api/v1/{path}", params=parameters)
+        assert answer.status_code == 200, answer.text
+        return answer.json()
+
+    def photograph(self, name: str) -> None:
+        self.page.screenshot(path=OUTPUT / f"{name}.png")
+
+
+@pytest.fixture
+def console(tmp_path: Path) -> Iterator[Console]:
+    assert (ROOT / "frontend/dist/index.html").exists(), "the console is not built: run 'make setup'"
+    assert CHROMIUM.exists(), f"no browser at {CHROMIUM}: run 'make chromium' or set CHROMIUM"
+    OUTPUT.mkdir(exist_ok=True)
+    deadline = Deadline.after(PATIENCE_S)
+    with running_demo(tmp_path / "data", OUTPUT / "worlds", SEED, deadline) as demo, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=deadline.left_ms
+        )
+        page = browser.new_page(viewport={"width": 1440, "height": 900})
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        with httpx.Client(base_url=demo.address, timeout=60.0) as client:
+            page.goto(demo.address, timeout=deadline.left_ms)
+            try:
+                yield Console(page, client, demo, deadline, errors)
+            finally:
+                page.screenshot(path=OUTPUT / "end.png")
+                browser.close()
+
+
+def test_demo(console: Console) -> None:
+    page, deadline = console.page, console.deadline
+    expect.set_options(timeout=60_000)
+
+    # Tracks grow and the picture moves.
+    console.wait_until("d.trackLengths.gps >= 5 && d.trackLengths.vision >= 5 && d.framesDrawn >= 25")
+    before = console.debug("trackLengths")
+    drawn = console.debug("framesDrawn")
+    console.wait_until(
+        "d.trackLengths.gps > n[0] && d.trackLengths.vision > n[1] && d.framesDrawn >= n[2] + 25",
+        before["gps"], before["vision"], drawn,
+    )  # fmt: skip
+    mode = page.get_by_test_id("mode")
+    expect(mode).to_have_attribute("data-mode", "gps", timeout=deadline.left_ms)
+    console.photograph("1-gps")
+
+    # Without GPS the estimator's track goes on.
+    deny = page.get_by_test_id("deny-gps")
+    expect(deny).to_have_attribute("aria-checked", "false")
+    deny.click(timeout=deadline.left_ms)
+    expect(deny).to_have_attribute("aria-checked", "true", timeout=deadline.left_ms)
+    expect(mode).to_have_attribute("data-gps-denied", "true", timeout=deadline.left_ms)
+    page.wait_for_function(
+        "(modes) => modes.includes(document.querySelector('[data-testid=mode]').dataset.mode)",
+        arg=list(ESTIMATED_MODES), timeout=deadline.left_ms, polling=100,
+    )  # fmt: skip
+    length = console.debug("trackLengths.vision")
+    console.wait_until("d.trackLengths.vision >= n[0] + 10", length)
+    (vehicle,) = console.get("vehicles")
+    assert console.get(f"vehicles/{vehicle['id']}/state")["mode"] in ESTIMATED_MODES
+    console.photograph("2-gps-denied")
+
+    # A click in the paused picture is a target, on the page as in the interface.
+    page.get_by_test_id("video-pause").click(timeout=deadline.left_ms)
+    console.wait_until("d.paused && d.lastFrameId !== null")
+    frame_id = console.debug("lastFrameId")
+    box = page.get_by_test_id("video-stage").bounding_box()
+    assert box is not None
+    click = {"x": 0.5 * box["width"], "y": 0.4 * box["height"]}
+    page.get_by_test_id("video-stage").click(position=click, timeout=deadline.left_ms)
+    entry = page.get_by_test_id("target")
+    expect(entry).to_have_count(1, timeout=deadline.left_ms)
+    (target,) = console.get("targets")["features"]
+    about = target["properties"]
+    assert entry.get_attribute("data-target-id") == target["id"]
+    assert float(entry.get_attribute("data-lat") or "nan") == pytest.approx(about["lat_deg"], abs=1e-9)
+    assert float(entry.get_attribute("data-lon") or "nan") == pytest.approx(about["lon_deg"], abs=1e-9)
+    assert target["geometry"]["coordinates"][:2] == pytest.approx([about["lon_deg"], about["lat_deg"]], abs=1e-9)
+    assert about["frame_id"] == frame_id
+    console.photograph("3-target")
+
+    assert not console.errors
+    assert not console.demo.ended, "".join(console.demo.said)
