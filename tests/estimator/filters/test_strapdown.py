@@ -31,7 +31,7 @@ def test_at_rest_on_the_turning_earth_stays_at_rest(attitude_rad: tuple[float, f
 
 
 def test_without_gyroscopes_the_earths_rate_tilts_the_platform() -> None:
-    """At the pole's side of the equation: yaw drifts by the vertical rate, pitch by none, roll by the north rate."""
+    """The attitude drifts against the Earth's rate: roll by its north part, yaw by its vertical part, pitch by none."""
     motion = Motion(np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
     support = np.array([0.0, 0.0, -EARTH.gravity_m_s2])
 
@@ -99,13 +99,12 @@ def test_coriolis_pushes_northbound_flight_to_the_east() -> None:
         rate = EARTH.rate_ned_rad_s + EARTH.transport_rate_ned_rad_s(motion.vel_ned_m_s)
         motion = propagate(motion, rate, np.array([0.0, 0.0, -EARTH.gravity_m_s2]), 0.1, EARTH)
 
-    # the push is down to the right of the motion: v_E' = -(2 w_D) V = ... with w_D = -w sin(lat) it deflects east
     assert motion.vel_ned_m_s[1] == pytest.approx(2.0 * EARTH_RATE_RAD_S * np.sin(LAT_RAD) * 100.0 * 20.0, rel=0.01)
 
 
-def test_curved_earth_levels_a_platform_that_follows_it() -> None:
+def test_fixed_platform_pitches_up_as_the_vertical_turns_away() -> None:
     """
-    North at constant speed over the ellipsoid: gyroscopes that feel the transport rate keep the platform level.
+    North at constant speed over an ellipsoid that does not rotate, with gyroscopes that feel nothing.
 
     The turn of the vertical is taken from the geodetic latitude of the place reached, not from the radii.
     """
@@ -123,7 +122,6 @@ def test_curved_earth_levels_a_platform_that_follows_it() -> None:
         motion = propagate(tilt, np.zeros(3), support, 0.1, earth)
 
     _, pitch, _ = euler_from_q(motion.q_ned_from_body)
-    # over 12 km the vertical has turned by the change of latitude, and the fixed platform with respect to it
     assert pitch == pytest.approx(float(lat_end) - LAT_RAD, rel=2e-3)
 
 
