@@ -53,13 +53,15 @@ class AttitudeTrack:
         self._keep_us = int(keep_s * 1e6)
 
     def add(self, t_us: int, q: Float) -> None:
-        """Add a quaternion (4,); one that is not newer than the last is ignored."""
-        if self._t_us and t_us <= self._t_us[-1]:
+        """Add a quaternion (4,), in any order; one for a time already held is ignored."""
+        index = bisect.bisect_left(self._t_us, t_us)
+        if index < len(self._t_us) and self._t_us[index] == t_us:
             return
-        self._t_us.append(t_us)
-        self._q.append(q)
-        if self._t_us[0] < t_us - 2 * self._keep_us:
-            keep = bisect.bisect_left(self._t_us, t_us - self._keep_us)
+        self._t_us.insert(index, t_us)
+        self._q.insert(index, q)
+        newest = self._t_us[-1]
+        if self._t_us[0] < newest - 2 * self._keep_us:
+            keep = bisect.bisect_left(self._t_us, newest - self._keep_us)
             del self._t_us[:keep], self._q[:keep]
 
     @property

@@ -76,8 +76,10 @@ class MapFixer:
         pose = CameraPose(camera_pos_ned_m, camera.ned_from_camera)
         axis = camera.ned_from_camera[:, 2]
         height_m = ground_down_m - camera_pos_ned_m[2]
-        if height_m < 2.0:
-            return self._report(frame, started, "too close to the ground")
+        if not height_m >= 2.0:
+            unknown = not np.isfinite(height_m)
+            self.rejected_in_row += 1
+            return self._report(frame, started, "ground height unknown" if unknown else "too close to the ground")
         aim = camera_pos_ned_m + axis * (height_m / max(axis[2], 0.2))
         prior_cov = self._apparent_cov(eskf, camera, aim, camera_pos_ned_m)
         radius_m = self._search_radius_m(prior_cov)

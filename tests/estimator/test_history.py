@@ -120,11 +120,20 @@ def test_attitude_before_the_first_and_over_a_gap_is_unknown() -> None:
     assert track.newest_t_us == 15_000_000
 
 
-def test_old_reports_are_ignored_and_forgotten() -> None:
+def test_reports_out_of_order_find_their_place() -> None:
+    track = AttitudeTrack()
+    for t_us, yaw in ((0, 0.0), (200_000, 0.0), (100_000, 0.5)):
+        track.add(t_us, q_from_euler(0.0, 0.0, yaw))
+
+    assert track.newest_t_us == 200_000
+    at = track.at(100_000)
+    assert at is not None
+    assert_allclose(at, q_from_euler(0.0, 0.0, 0.5), atol=1e-12)
+
+
+def test_old_reports_are_forgotten() -> None:
     track = AttitudeTrack(keep_s=1.0)
     track.add(1_000_000, q_from_euler(0.0, 0.0, 0.5))
-    track.add(900_000, q_from_euler(0.0, 0.0, 1.5))
-    assert track.newest_t_us == 1_000_000
     for k in range(1, 100):
         track.add(1_000_000 + k * 100_000, q_from_euler(0.0, 0.0, 0.0))
 

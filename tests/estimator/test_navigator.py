@@ -261,3 +261,24 @@ def test_history_answers_for_the_past_only() -> None:
     assert past.t_us == _t_us(2.5)
     assert past.pos_ned_m[0] == pytest.approx(_truth(2.5)[0], abs=1.5)
     assert navigator.state_at(_t_us(60.0)) is None
+
+
+class EdgeOfTerrain:
+    """Ground that is known only in the south."""
+
+    def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+        return np.where(np.asarray(north_m) > -55.0, np.nan, 250.0)
+
+
+def test_flying_off_the_elevation_model_stops_nothing() -> None:
+    """
+    Fault: no ground height below the vehicle from some place on.
+    Expected: fixes are refused with that reason, and the filter goes on.
+    """
+    navigator = Navigator(NavigatorConfig(), CAMERA, MOUNT, "fixed", FRAME, MAP, EdgeOfTerrain())
+
+    reports = _fly(navigator, 0.0, 5.0)
+
+    assert "ground height unknown" in {report.reason for report in reports}
+    assert navigator.state is not None
+    assert np.isfinite(navigator.state.pos_ned_m).all()
