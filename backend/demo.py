@@ -99,11 +99,13 @@ async def _run_beside(simulator: asyncio.subprocess.Process, ending: asyncio.Eve
             raise StartError(f"the simulator ended with status {simulator.returncode}; it said: {last_words(log_path)}")
     finally:
         if simulator.returncode is None:
-            simulator.terminate()
+            with contextlib.suppress(ProcessLookupError):  # it may have ended without our having been told yet
+                simulator.terminate()
             try:
                 await asyncio.wait_for(asyncio.shield(dies), END_TIMEOUT_S)
             except TimeoutError:
-                simulator.kill()
+                with contextlib.suppress(ProcessLookupError):
+                    simulator.kill()
                 await dies
         ends.cancel()
 

@@ -7,6 +7,7 @@ import math
 from collections import OrderedDict
 from pathlib import Path
 
+from backend.clock import mono_us
 from backend.errors import StartError
 from backend.navigation.setup import MapFiles, Place
 from backend.schemas.vehicles import MapBody, MapBounds
@@ -25,6 +26,7 @@ class StationMaps:
         self.chosen: str | None = None
         self._tiles: OrderedDict[str, MapTiles] = OrderedDict()
         self._records: dict[str, MapRecord] = {}
+        self._refreshed_us = 0
 
     async def choose(self, given: str | None) -> None:
         """Use the map that ``--map`` names, by id or by name, or import the file it names.
@@ -50,8 +52,12 @@ class StationMaps:
         self._records[record.id] = record
         self.chosen = record.id
 
-    async def refresh(self) -> None:
-        """Look at the library again; other processes import into it too."""
+    async def refresh(self, older_than_s: float = 0.0) -> None:
+        """Look at the library again, unless that was done a moment ago; other processes import into it too."""
+        now_us = mono_us()
+        if now_us - self._refreshed_us < older_than_s * 1e6:
+            return
+        self._refreshed_us = now_us
         records = await asyncio.to_thread(self.library.list)
         self._records = {record.id: record for record in records}
 

@@ -101,8 +101,8 @@ class Station:
             if self.settings.camera is not None:
                 self.profile = read_camera_profile(self.settings.camera)
             self._database = await Database.open(self.settings.data_dir / "station.db")
-            self._targets = TargetStore(self._database)
-            self._target_names = len(await self._targets.all())
+            self._targets = await TargetStore.load(self._database)
+            self._target_names = len(self._targets.all())
             await self.maps.choose(self.settings.map)
             self.links = [
                 LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
@@ -168,14 +168,14 @@ class Station:
 
     async def hello(self) -> dict[str, Any]:
         """Fields of the ``hello`` message: everything a newcomer has to know."""
-        await self.maps.refresh()
+        await self.maps.refresh(older_than_s=2.0)
         return {
             "station": {
                 "name": "Pilotage", "version": self.version, "data_dir_free_bytes": self.disk_free_bytes(),
             },
             "vehicles": [vehicle.summary() for vehicle in self.vehicles()],
             "maps": [body.model_dump() for body in self.maps.bodies()],
-            "targets": collection_of_targets(await self.targets.all()).model_dump(),
+            "targets": collection_of_targets(self.targets.all()).model_dump(),
             "alarms": [asdict(alarm) for alarm in self.alarms.active],
             "recording": asdict(self.recorder.status),
             "waiting_for": self.waiting_for(),

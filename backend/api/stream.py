@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 
 import orjson
+import structlog
 from fastapi import APIRouter, WebSocket, WebSocketDisconnect
 
 from backend.api.access import station_of_socket
@@ -13,7 +14,9 @@ from backend.hub import Mailbox
 from backend.station import Station
 
 router = APIRouter()
+_log = structlog.get_logger(__name__)
 
+INTERNAL_ERROR = 1011
 TRY_AGAIN_LATER = 1013
 MAX_CLIENT_TEXT = 4096
 CLOSE_TIMEOUT_S = 1.0
@@ -33,6 +36,10 @@ async def stream(socket: WebSocket) -> None:
         await _both_ways(socket, mailbox, station)
     except WebSocketDisconnect:
         pass
+    except Exception:  # one client's stream fails: say where, and let that client come back
+        _log.exception("stream failed")
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            await socket.close(INTERNAL_ERROR, "the station failed to serve this stream")
     finally:
         station.hub.close(mailbox)
         station.metrics.clients.dec()

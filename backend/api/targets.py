@@ -38,7 +38,7 @@ async def list_targets(
         raise NotOfferedError(f"format '{format}' is not offered by this version: use format=geojson")
     if format != "geojson":
         raise InvalidRequestError(f"format '{format}' is not known: use format=geojson")
-    return collection_of_targets(await station.targets.all())
+    return collection_of_targets(station.targets.all())
 
 
 @router.post("", status_code=HTTPStatus.CREATED)
@@ -53,7 +53,7 @@ async def create_target(body: NewTarget, station: TheStation, response: Response
 @router.get("/{target_id}")
 async def get_target(target_id: str, station: TheStation, response: Response) -> TargetFeature:
     """One target."""
-    target = await station.targets.get(target_id)
+    target = station.targets.get(target_id)
     response.headers["ETag"] = _etag(target)
     return feature_of_target(target)
 

@@ -136,7 +136,7 @@ class LiveVehicle:
 
     def navigate(self, setup: NavigationSetup) -> None:
         """Start the estimator, or start it anew with another setup."""
-        self.stop_navigation()
+        self.stop_navigation(wait_s=0.0)
         self._setup = setup
         loop = asyncio.get_running_loop()
         worker = NavigationWorker(
@@ -150,11 +150,11 @@ class LiveVehicle:
         if self.home is not None:
             worker.offer(self.home)
 
-    def stop_navigation(self) -> None:
-        """End the estimator's thread."""
+    def stop_navigation(self, wait_s: float = 1.0) -> None:
+        """End the estimator's thread; it may finish the work it is in after ``wait_s``."""
         if self.worker is not None:
             self._epoch = self.worker.epoch
-            self.worker.close()
+            self.worker.close(wait_s)
             self.worker = None
 
     def offer(self, sample: Sample) -> None:
@@ -235,6 +235,8 @@ class LiveVehicle:
         return []
 
     def _take_state(self, update: StateUpdate) -> None:
+        if update.epoch <= self._epoch:
+            return  # the last words of an estimator that has been replaced
         self.latest = update
         state = update.state
         point = TrackPoint(

@@ -19,7 +19,7 @@ from backend.clock import mono_us, unix_us
 from estimator.types import FixReport, FrameSample, NavigationState, Sample
 
 MAX_WAITING_SAMPLES = 20_000  # a minute and a half of a fast link
-MAX_WAITING_FRAMES = 3  # more would only make the estimate late
+MAX_WAITING_FRAMES = 8  # a third of a second: longer, and the estimate would only be late
 STATE_INTERVAL_US = 50_000
 IDLE_S = 0.05
 REBUILD_AFTER_US = 2_000_000

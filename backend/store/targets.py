@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, replace
 
-from sqlalchemy import select
+from sqlalchemy import delete, select
 
 from backend.errors import TargetChangedError, UnknownTargetError
 from backend.store.database import Database
@@ -48,51 +48,62 @@ class TargetChange:
 
 
 class TargetStore:
-    """Keeps targets. A method that returns has its change on the disk."""
+    """Keeps targets. A method that returns has its change on the disk.
 
-    def __init__(self, database: Database) -> None:
+    Reads come from memory: the station is the only writer of its database, and a hundred viewers that connect at once
+    must not queue for it.
+    """
+
+    def __init__(self, database: Database, targets: list[Target]) -> None:
         self._database = database
+        self._targets = {target.id: target for target in targets}
+
+    @classmethod
+    async def load(cls, database: Database) -> TargetStore:
+        """The store of a database, with what it holds."""
+        async with database.session() as session:
+            rows = await session.scalars(select(TargetRow))
+            return cls(database, [_target(row) for row in rows])
 
     async def add(self, target: Target) -> None:
         """Keep a new target."""
-        async with self._database.writing, self._database.session.begin() as session:
-            session.add(TargetRow(**asdict(target)))
+        async with self._database.writing:
+            async with self._database.session.begin() as session:
+                session.add(TargetRow(**asdict(target)))
+            self._targets[target.id] = target
 
-    async def all(self) -> list[Target]:
+    def all(self) -> list[Target]:
         """All targets, the oldest first."""
-        async with self._database.session() as session:
-            rows = await session.scalars(select(TargetRow).order_by(TargetRow.created_unix_us, TargetRow.id))
-            return [_target(row) for row in rows]
+        return sorted(self._targets.values(), key=lambda target: (target.created_unix_us, target.id))
 
-    async def get(self, target_id: str) -> Target:
+    def get(self, target_id: str) -> Target:
         """One target, or UnknownTargetError."""
-        async with self._database.session() as session:
-            row = await session.get(TargetRow, target_id)
-            if row is None:
-                raise UnknownTargetError(target_id)
-            return _target(row)
+        return self._expected(target_id, None)
 
     async def change(self, target_id: str, change: TargetChange, version: int | None, now_us: int) -> Target:
         """Change a target, if it still has the expected version (None: whichever it has)."""
-        async with self._database.writing, self._database.session.begin() as session:
-            row = _expected(await session.get(TargetRow, target_id), target_id, version)
-            changed = _changed(_target(row), change, now_us)
-            for name, value in asdict(changed).items():
-                setattr(row, name, value)
+        async with self._database.writing:
+            changed = _changed(self._expected(target_id, version), change, now_us)
+            async with self._database.session.begin() as session:
+                await session.merge(TargetRow(**asdict(changed)))
+            self._targets[target_id] = changed
         return changed
 
     async def delete(self, target_id: str, version: int | None) -> None:
         """Remove a target, if it still has the expected version (None: whichever it has)."""
-        async with self._database.writing, self._database.session.begin() as session:
-            await session.delete(_expected(await session.get(TargetRow, target_id), target_id, version))
+        async with self._database.writing:
+            self._expected(target_id, version)
+            async with self._database.session.begin() as session:
+                await session.execute(delete(TargetRow).where(TargetRow.id == target_id))
+            del self._targets[target_id]
 
-
-def _expected(row: TargetRow | None, target_id: str, version: int | None) -> TargetRow:
-    if row is None:
-        raise UnknownTargetError(target_id)
-    if version is not None and row.version != version:
-        raise TargetChangedError(target_id, row.version)
-    return row
+    def _expected(self, target_id: str, version: int | None) -> Target:
+        target = self._targets.get(target_id)
+        if target is None:
+            raise UnknownTargetError(target_id)
+        if version is not None and target.version != version:
+            raise TargetChangedError(target_id, target.version)
+        return target
 
 
 def _changed(target: Target, change: TargetChange, now_us: int) -> Target:

@@ -93,17 +93,17 @@ def test_an_estimator_that_falls_behind_loses_the_oldest_pictures_only() -> None
     running.worker.offer(BarometerSample(0, 1.0))
     assert navigator.entered.wait(PATIENCE_S)
     image = np.zeros((2, 2), np.uint8)
-    for n in range(1, 11):
+    for n in range(1, 21):
         running.worker.offer(FrameSample(n, n, image))
         running.worker.offer(BarometerSample(n, 1.0))
     navigator.gate.set()
-    running.wait_for(lambda: len(navigator.offered) >= 11 + MAX_WAITING_FRAMES)
+    running.wait_for(lambda: len(navigator.offered) >= 21 + MAX_WAITING_FRAMES)
     running.worker.close()
 
     frames = [sample.t_us for sample in navigator.offered if isinstance(sample, FrameSample)]
-    assert frames == [8, 9, 10]
-    assert running.worker.counts.frames_dropped == 10 - MAX_WAITING_FRAMES
-    assert sum(isinstance(sample, BarometerSample) for sample in navigator.offered) == 11
+    assert frames == list(range(21 - MAX_WAITING_FRAMES, 21))
+    assert running.worker.counts.frames_dropped == 20 - MAX_WAITING_FRAMES
+    assert sum(isinstance(sample, BarometerSample) for sample in navigator.offered) == 21
 
 
 def test_a_question_is_answered_from_history_or_by_prediction() -> None:

@@ -26,7 +26,7 @@ def target(name: str, created_us: int = 1) -> Target:
 async def opened(path: Path) -> AsyncIterator[TargetStore]:
     database = await Database.open(path)
     try:
-        yield TargetStore(database)
+        yield await TargetStore.load(database)
     finally:
         await database.close()
 
@@ -36,8 +36,20 @@ async def test_everything_of_a_target_comes_back(tmp_path: Path) -> None:
         await store.add(target("b", 2))
         await store.add(target("a", 1))
     async with opened(tmp_path / "s.db") as store:
-        assert await store.all() == [target("a", 1), target("b", 2)]
-        assert await store.get("b") == target("b", 2)
+        assert store.all() == [target("a", 1), target("b", 2)]
+        assert store.get("b") == target("b", 2)
+
+
+async def test_changes_and_deletions_reach_the_file(tmp_path: Path) -> None:
+    async with opened(tmp_path / "s.db") as store:
+        for name in ("a", "b"):
+            await store.add(target(name))
+        changed = await store.change("a", TargetChange(name="new", position_deg=(1.0, 2.0)), None, now_us=9)
+        await store.delete("b", 1)
+    async with opened(tmp_path / "s.db") as store:
+        assert store.all() == [changed]
+
+    assert (changed.name, changed.lat_deg, changed.method, changed.var_n_m2) == ("new", 1.0, "manual", None)
 
 
 async def test_of_many_changes_to_one_version_one_wins(tmp_path: Path) -> None:
@@ -45,7 +57,7 @@ async def test_of_many_changes_to_one_version_one_wins(tmp_path: Path) -> None:
         await store.add(target("a"))
         changes = [store.change("a", TargetChange(name=f"n{n}"), 1, now_us=5) for n in range(20)]
         results = await asyncio.gather(*changes, return_exceptions=True)
-        final = await store.get("a")
+        final = store.get("a")
 
     won = [result for result in results if isinstance(result, Target)]
     assert len(won) == 1
@@ -56,7 +68,9 @@ async def test_of_many_changes_to_one_version_one_wins(tmp_path: Path) -> None:
 
 async def test_unknown_targets_are_named(tmp_path: Path) -> None:
     async with opened(tmp_path / "s.db") as store:
-        for call in (store.get("x"), store.change("x", TargetChange(), None, 1), store.delete("x", None)):
+        with pytest.raises(UnknownTargetError, match="'x'"):
+            store.get("x")
+        for call in (store.change("x", TargetChange(), None, 1), store.delete("x", None)):
             with pytest.raises(UnknownTargetError, match="'x'"):
                 await call
 
