@@ -43,5 +43,5 @@ async def test_a_simulator_that_dies_is_told(tmp_path: Path) -> None:
     (tmp_path / "log").write_text("Flying\nout of fuel\n")
     simulator = await asyncio.create_subprocess_exec(sys.executable, "-c", "raise SystemExit(3)")
 
-    with pytest.raises(StartError, match="status 3.*out of fuel"):
+    with pytest.raises(StartError, match=r"status 3.*out of fuel"):
         await asyncio.wait_for(demo._run_beside(simulator, asyncio.Event(), tmp_path / "log"), 20)
