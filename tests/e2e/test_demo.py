@@ -8,15 +8,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import httpx
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect, sync_playwright
 
 from tests.e2e.demo_process import OUTPUT, ROOT, Deadline, RunningDemo, running_demo
+from tests.e2e.flown_truth import FlownTruth, flown_s
 
 SEED = 5
 PATIENCE_S = 225.0
 CHROMIUM = Path(os.environ.get("CHROMIUM", "/usr/bin/chromium"))
+WORLDS = OUTPUT / "worlds"
+VIDEO_PX = (640, 480)
+# A pixel of the page is 1.2 of the video; the browser may round where the pointer is.
+POINTER_PX = 1.5
+LEAST_LIKENESS = 0.9
+# A right estimate is farther away than this one time in 3000.
+MOST_SIGMAS = 4.0
+# An ellipse that says nothing would hold any truth.
+WIDEST_CE90_M = 15.0
 ESTIMATED_MODES = ("vision", "dead_reckoning")
 
 pytestmark = pytest.mark.timeout(240)
@@ -57,7 +69,7 @@ def console(tmp_path: Path) -> Iterator[Console]:
     assert CHROMIUM.exists(), f"no browser at {CHROMIUM}: run 'make chromium' or set CHROMIUM"
     OUTPUT.mkdir(exist_ok=True)
     deadline = Deadline.after(PATIENCE_S)
-    with running_demo(tmp_path / "data", OUTPUT / "worlds", SEED, deadline) as demo, sync_playwright() as playwright:
+    with running_demo(tmp_path / "data", WORLDS, SEED, deadline) as demo, sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=deadline.left_ms
         )
@@ -122,7 +134,48 @@ def test_demo(console: Console) -> None:
     assert float(entry.get_attribute("data-lon") or "nan") == pytest.approx(about["lon_deg"], abs=1e-9)
     assert target["geometry"]["coordinates"][:2] == pytest.approx([about["lon_deg"], about["lat_deg"]], abs=1e-9)
     assert about["frame_id"] == frame_id
+    assert (about["u_px"], about["v_px"]) == pytest.approx(clicked_pixel(click, box), abs=POINTER_PX)
     console.photograph("3-target")
+    check_against_truth(console, about)
 
     assert not console.errors
     assert not console.demo.ended, "".join(console.demo.said)
+
+
+def clicked_pixel(click: dict[str, float], box: Any) -> tuple[float, float]:
+    """The pixel of the video below a point of the stage: the picture is fitted in, pixel 0 is centred at 0."""
+    width, height = VIDEO_PX
+    scale = min(box["width"] / width, box["height"] / height)
+    left, top = (box["width"] - scale * width) / 2, (box["height"] - scale * height) / 2
+    return (click["x"] - left) / scale - 0.5, (click["y"] - top) / scale - 0.5
+
+
+def check_against_truth(console: Console, about: dict[str, Any]) -> None:
+    """The target lies inside its scaled ellipse about the point that the simulator's camera truly saw there."""
+    vehicle = about["vehicle_id"]
+    answer = console.client.get(f"/api/v1/video/cam-{vehicle}/frames/{about['frame_id']}.jpg")
+    assert answer.status_code == 200, answer.text
+    picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
+    assert picture is not None
+    cv2.imwrite(str(OUTPUT / "clicked.jpg"), picture)
+    pieces = console.get(f"vehicles/{vehicle}/tracks", source="gps")["features"]
+    times = [t for piece in pieces for t in piece["properties"]["times_unix_us"]]
+    places = [place for piece in pieces for place in piece["geometry"]["coordinates"]]
+
+    truth = FlownTruth.of_demo(SEED, WORLDS / "pilotage/worlds", flown_s(times))
+    take_off_us = truth.take_off_us(times, [p[1] for p in places], [p[0] for p in places])
+    exposure, likeness = truth.exposure_of(picture, about["t_unix_us"] - take_off_us)
+    assert likeness > LEAST_LIKENESS, "no exposure of the true flight gives the clicked picture"
+
+    lat_rad, lon_rad = np.radians(about["lat_deg"]), np.radians(about["lon_deg"])
+    error_ne_m = truth.world.frame.ne_from_geodetic(lat_rad, lon_rad) - truth.ground_ne_m(
+        exposure, about["u_px"], about["v_px"]
+    )
+    cov = np.array([[about["std_n_m"] ** 2, about["cov_ne_m2"]], [about["cov_ne_m2"], about["std_e_m"] ** 2]])
+    sigmas = float(np.sqrt(error_ne_m @ np.linalg.solve(cov, error_ne_m)))
+    found = (
+        f"{np.hypot(*error_ne_m):.2f} m or {sigmas:.2f} sigma off, CE90 {about['ce90_m']:.2f} m, alike {likeness:.3f}"
+    )
+    (OUTPUT / "target.txt").write_text(found + "\n")
+    assert sigmas < MOST_SIGMAS, found
+    assert about["ce90_m"] < WIDEST_CE90_M, found
