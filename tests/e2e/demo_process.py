@@ -10,20 +10,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 ROOT = Path(__file__).resolve().parents[2]
 OUTPUT = Path(__file__).resolve().parent / "output"
 
 _ADDRESS = re.compile(r"(http://127\.0\.0\.1:\d+)")
 _END_S = 20.0
-_LOOK_S = 0.2
-
-Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +39,6 @@ class Deadline:
     @property
     def left_ms(self) -> float:
         return 1e3 * self.left_s
-
-    def until(self, what: str, look: Callable[[], Found | None]) -> Found:
-        """Look again and again until something other than None is there."""
-        while time.monotonic() < self.end_s:
-            found = look()
-            if found is not None:
-                return found
-            threading.Event().wait(_LOOK_S)
-        raise AssertionError(f"waited in vain for {what}")
 
 
 @dataclass(slots=True)
