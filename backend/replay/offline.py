@@ -20,6 +20,7 @@ from backend.replay.report import write_report
 from backend.replay.targets import locate_clicks, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
+from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import euler_from_q
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, NavigationState, Sample
@@ -141,7 +142,7 @@ class _Run:
 
     def __init__(self, folder: FlightFolder, setup: NavigationSetup, options: ReplayOptions) -> None:
         self.folder = folder
-        self.navigator: Navigator = replace_config(setup, options.config)
+        self.navigator: Navigator = whole_flight_navigator(setup, options.config)
         offset_s = options.time_offset_s
         # an offset that the folder calls unknown is taken as none until it is estimated
         self.time_offset_us = (folder.time_offset_us or 0) if offset_s is None else round(offset_s * 1e6)
@@ -226,7 +227,7 @@ class _Run:
             )
 
 
-def replace_config(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:
+def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:
     """A Navigator of the setup with a configuration of its own; history long enough for a whole flight."""
     config = replace(config, history_s=1e6)
     return Navigator(config, setup.camera, setup.mount, setup.gimbal, setup.frame, setup.reference, setup.ground)
@@ -240,7 +241,7 @@ def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) 
     inside = [s for s in states if truth.t_unix_us[0] <= s.t_us <= truth.t_unix_us[-1]]
     if not inside:
         return None
-    from_truth = build_setup(None, MapFiles(None, None, None, None), _truth_place(truth)).frame
+    from_truth = LocalFrame(float(truth.lat_rad[0]), float(truth.lon_rad[0]), float(truth.alt_amsl_m[0]))
     t_us = np.array([s.t_us for s in inside], dtype=np.float64)
     true_ned = from_truth.ned_from_geodetic(truth.lat_rad, truth.lon_rad, truth.alt_amsl_m)
     here = from_truth.ned_from_geodetic(*(np.array([getattr(s, n) for s in inside]) for n in _GEODETIC))
@@ -252,10 +253,6 @@ def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) 
 
 
 _GEODETIC = ("lat_rad", "lon_rad", "alt_amsl_m")
-
-
-def _truth_place(truth: Any) -> Place:
-    return Place(float(truth.lat_rad[0]), float(truth.lon_rad[0]), float(truth.alt_amsl_m[0]))
 
 
 def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elapsed_s: float) -> dict[str, Any]:
