@@ -42,7 +42,7 @@ from estimator.types import (
 
 GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "clone_position", "clone_rotation",
+    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
 )  # fmt: skip
 
 
@@ -299,7 +299,9 @@ class Navigator:
         return camera, motion.pos_ned_m + lever
 
     def _down_at(self, north_m: Float, east_m: Float) -> Float:
-        down: Float = self.frame.alt_m - self._ground.alt_amsl_m(north_m, east_m)
+        """Down coordinate of what is seen at points: the ground model as the filter has corrected it."""
+        bias_m = self._eskf.nominal.ground_bias_m if self._eskf is not None else 0.0
+        down: Float = self.frame.alt_m - self._ground.alt_amsl_m(north_m, east_m) + bias_m
         return down
 
     def _fuse_frame(self, sample: FrameSample) -> FixReport | None:

@@ -2,14 +2,16 @@
 
 The error state holds position, velocity and attitude error (the small rotation about the NED axes that takes the
 nominal attitude to the true one), the accelerometer bias of Conte 2009 (section 4.3, twelve states), and groups that
-can be left out: gyroscope bias, barometer bias, camera misalignment, and the slow error of the attitude that the
-autopilot reports. The last group is a stochastic clone of the position and the camera attitude at the previous picture
-(Roumeliotis and Burdick, Stochastic cloning, ICRA 2002), which makes visual odometry an ordinary measurement.
+can be left out: gyroscope bias, barometer bias, camera misalignment, the slow error of the attitude that the autopilot
+reports, how far the visible surface lies below the ground model, and the local displacement of the reference imagery.
+The last two change with the ground flown over and not with time. The last group is a stochastic clone of the position
+and the camera attitude at the previous picture (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002), which makes
+visual odometry an ordinary measurement.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,9 +22,9 @@ from estimator.types import Float
 
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "clone_position", "clone_rotation",
+    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
 )  # fmt: skip
-_SIZES = {"barometer_bias": 1}
+_SIZES = {"barometer_bias": 1, "ground_bias": 1, "map_bias": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +80,10 @@ class ProcessNoise:
     boresight_rad_rt_s: float = 1e-4
     attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
+    # trees and houses stand above a ground model, and a plane is not the ground: both last for tens of metres
+    ground_bias_std_m: float = 3.0
+    ground_bias_length_m: float = 60.0
+    map_bias_length_m: float = 40.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)
 
@@ -100,7 +106,17 @@ class Nominal:
     barometer_bias_m: float
     boresight_rad: Float
     attitude_bias_rad: Float
+    ground_bias_m: float = 0.0
+    map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Forgotten:
+    """What a step leaves of the errors of ground model and imagery, as shares."""
+
+    ground: float
+    map: float
 
 
 class ErrorStateFilter:
@@ -113,6 +129,7 @@ class ErrorStateFilter:
         self.earth = earth
         self.noise = noise
         self._bias_noise = self._slow_noise_density()
+        self.map_bias_std_m = 1.0
 
     def _slow_noise_density(self) -> Float:
         q = np.zeros(self.layout.size)
@@ -148,15 +165,23 @@ class ErrorStateFilter:
         if "gyroscope_bias" in index:
             F[a, index["gyroscope_bias"]] = -ned_from_body * dt_s
         self._decay_attitude_bias(F, dt_s)
+        forgotten = self._forget_ground(F, dt_s)
         self.P = F @ self.P @ F.T
         diagonal = np.einsum("ii->i", self.P)
         diagonal += self._bias_noise * dt_s
+        self._renew_ground(diagonal, forgotten)
         force_noise = self.noise.accelerometer_m_s2_rt_s**2
         diagonal[v] += force_noise * dt_s
         diagonal[p] += force_noise * dt_s**3 / 3.0
         diagonal[a] += self.noise.gyroscope_rad_rt_s**2 * dt_s
         motion = propagate(self.nominal.motion, rate, force, dt_s, self.earth)
-        self.nominal = replace(self.nominal, motion=motion, attitude_bias_rad=self._decayed_bias(dt_s))
+        self.nominal = replace(
+            self.nominal,
+            motion=motion,
+            attitude_bias_rad=self._decayed_bias(dt_s),
+            ground_bias_m=self.nominal.ground_bias_m * forgotten.ground,
+            map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
+        )
 
     def predict_attitude_driven(
         self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
@@ -172,16 +197,47 @@ class ErrorStateFilter:
         F = np.eye(self.layout.size)
         F[p, v].flat[::4] = dt_s
         F[a, a] *= decay
+        forgotten = self._forget_ground(F, dt_s)
         self.P = F @ self.P @ F.T
         diagonal = np.einsum("ii->i", self.P)
         diagonal += self._bias_noise * dt_s
+        self._renew_ground(diagonal, forgotten)
         manoeuvre = np.square(self.noise.manoeuvre_m_s2_rt_s)
         diagonal[v] += manoeuvre * dt_s
         diagonal[p] += manoeuvre * dt_s**3 / 3.0
         diagonal[a] += np.square(attitude_std_rad) * (1.0 - decay**2)
         motion = self.nominal.motion
         pos = motion.pos_ned_m + motion.vel_ned_m_s * dt_s
-        self.nominal = replace(self.nominal, motion=Motion(pos, motion.vel_ned_m_s, q_ned_from_body))
+        self.nominal = replace(
+            self.nominal,
+            motion=Motion(pos, motion.vel_ned_m_s, q_ned_from_body),
+            ground_bias_m=self.nominal.ground_bias_m * forgotten.ground,
+            map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
+        )
+
+    def _forget_ground(self, F: Float, dt_s: float) -> _Forgotten:
+        """Let the errors of ground model and imagery fade with the distance flown; in a hover they stay."""
+        north, east, _ = self.nominal.motion.vel_ned_m_s
+        distance_m = float(np.hypot(north, east)) * dt_s
+        noise = self.noise
+        forgotten = _Forgotten(
+            float(np.exp(-distance_m / noise.ground_bias_length_m)), float(np.exp(-distance_m / noise.map_bias_length_m))
+        )
+        for name, decay in (("ground_bias", forgotten.ground), ("map_bias", forgotten.map)):
+            where = self.layout.slices.get(name)
+            if where is not None:
+                F[where, where] *= decay
+        return forgotten
+
+    def _renew_ground(self, diagonal: Float, forgotten: _Forgotten) -> None:
+        stds = (
+            ("ground_bias", forgotten.ground, self.noise.ground_bias_std_m),
+            ("map_bias", forgotten.map, self.map_bias_std_m),
+        )
+        for name, decay, std_m in stds:
+            where = self.layout.slices.get(name)
+            if where is not None:
+                diagonal[where] += std_m**2 * (1.0 - decay**2)
 
     def _decay_attitude_bias(self, F: Float, dt_s: float) -> None:
         where = self.layout.slices.get("attitude_bias")
@@ -219,14 +275,18 @@ class ErrorStateFilter:
         def moved(name: str, value: Float) -> Float:
             return value + dx[part[name]] if name in part else value
 
-        barometer = part.get("barometer_bias")
+        def moved_scalar(name: str, value: float) -> float:
+            return value + float(dx[part[name]][0]) if name in part else value
+
         self.nominal = Nominal(
             motion=motion,
             accelerometer_bias_m_s2=moved("accelerometer_bias", nominal.accelerometer_bias_m_s2),
             gyroscope_bias_rad_s=moved("gyroscope_bias", nominal.gyroscope_bias_rad_s),
-            barometer_bias_m=nominal.barometer_bias_m + (float(dx[barometer][0]) if barometer is not None else 0.0),
+            barometer_bias_m=moved_scalar("barometer_bias", nominal.barometer_bias_m),
             boresight_rad=moved("boresight", nominal.boresight_rad),
             attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
+            ground_bias_m=moved_scalar("ground_bias", nominal.ground_bias_m),
+            map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
             clone=self._moved_clone(dx),
         )
         if float(rotation @ rotation) > 1e-4:

@@ -132,6 +132,8 @@ def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: Pr
         "barometer_bias": first.barometer_bias_std_m,
         "boresight": guess.boresight_std_rad,
         "attitude_bias": noise.attitude_bias_std_rad,
+        "ground_bias": noise.ground_bias_std_m,
+        "map_bias": 1.0,
     }
     for name, value in first_std.items():
         if layout.has(name):

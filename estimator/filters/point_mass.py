@@ -157,6 +157,12 @@ class PointMassFilter:
         cov = np.array([[by_row @ dn**2 + within, cross], [cross, by_col @ de**2 + within]])
         return Moments(mean, cov)
 
+    def mode_ne_m(self) -> Float:
+        """The most likely place (2,), north and east."""
+        north, east = self._axes(*self.density.shape)
+        row, col = np.unravel_index(int(np.argmax(self.density)), self.density.shape)
+        return np.array([north[row], east[col]])
+
     def unimodality(self) -> float:
         """Share of the density within three sigmas, or three cells, of the highest cell's own mode."""
         north, east = self._axes(*self.density.shape)

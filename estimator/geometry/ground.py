@@ -234,3 +234,22 @@ def _point_jacobian(
 def _normal(slope_ne: Float) -> Float:
     """The vector (..., 3) across ground of a slope (..., 2), with a down component of 1."""
     return np.concatenate((-slope_ne, np.ones((*slope_ne.shape[:-1], 1))), axis=-1)
+
+
+def ground_point_by_pose(slope_ne: Float, height_m: Float) -> Float:
+    """Derivatives (..., 2, 6) of the ground points that rays meet by an error of the camera's pose.
+
+    ``slope_ne`` (..., 2) is north and east per unit down of the rays, ``height_m`` (...) the camera's height above the
+    points. The pose error is position NED in metres, then the small rotation about the NED axes. A ray r turns by
+    dtheta x r; its slope s = r_ne / r_d changes by (dtheta x r)_ne / r_d - s (dtheta x r)_d / r_d, and a camera that
+    sinks by a metre moves the point by -s.
+    """
+    north, east = slope_ne[..., 0], slope_ne[..., 1]
+    out = np.zeros((*north.shape, 2, 6))
+    out[..., 0, 0] = out[..., 1, 1] = 1.0
+    out[..., 0, 2], out[..., 1, 2] = -north, -east
+    out[..., 0, 3], out[..., 1, 4] = -north * east, north * east
+    out[..., 0, 4], out[..., 1, 3] = 1.0 + north**2, -(1.0 + east**2)
+    out[..., 0, 5], out[..., 1, 5] = -east, north
+    out[..., 3:] *= np.asarray(height_m)[..., None, None]
+    return out

@@ -19,6 +19,7 @@ from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
 from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
 from estimator.registration.likelihood import likelihood
+from estimator.registration.refine import Refinement
 from estimator.types import FixReport, Float, FrameSample
 
 UNKNOWN_NE = np.full(2, np.nan)
@@ -38,6 +39,12 @@ class MapFixConfig:
     max_search_m: float = 160.0
     correlation_share: float = 0.25
     min_weight: float = 0.05
+    noise_inflation: float = 2.5
+    white_share: float = 0.5
+    max_innovation_sigmas: float = 6.0
+    map_bias_memory: float = 0.9
+    min_map_bias_m: float = 0.05
+    max_map_bias_m: float = 4.0
     max_outlier_probability: float = 0.9
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
@@ -73,29 +80,23 @@ class MapFixer:
     ) -> FixReport:  # fmt: skip
         """Register a grey picture and update the filter with what it adds."""
         started = self._clock_s()
-        pose = CameraPose(camera_pos_ned_m, camera.ned_from_camera)
+        pose = CameraPose(terrain_fix.apparent_pose(eskf, camera_pos_ned_m), camera.ned_from_camera)
         axis = camera.ned_from_camera[:, 2]
         height_m = ground_down_m - camera_pos_ned_m[2]
         if not height_m >= 2.0:
             unknown = not np.isfinite(height_m)
             self.rejected_in_row += 1
             return self._report(frame, started, "ground height unknown" if unknown else "too close to the ground")
-        aim = camera_pos_ned_m + axis * (height_m / max(axis[2], 0.2))
-        prior_cov = self._apparent_cov(eskf, camera, aim, camera_pos_ned_m)
-        radius_m = self._search_radius_m(prior_cov)
+        T = terrain_fix.apparent_pose_jacobian(eskf, camera)
+        aim = pose.pos_ned_m + axis * (height_m / max(axis[2], 0.2))
+        H = terrain_fix.centre_by_pose(aim, pose.pos_ned_m) @ T
+        radius_m = self._search_radius_m(H @ eskf.P @ H.T)
         headings, scales = self._hypotheses(eskf, camera, height_m)
         match = self._registrar.register(frame.image, pose, radius_m, headings, scales)
         if isinstance(match, NoMatch):
             self.rejected_in_row += 1
             return self._report(frame, started, match.reason)
-        return self._fuse(match, frame, started, eskf, camera, camera_pos_ned_m)
-
-    def _apparent_cov(
-        self, eskf: ErrorStateFilter, camera: CameraAttitude, centre_ned_m: Float, camera_pos_ned_m: Float
-    ) -> Float:
-        H = terrain_fix.apparent_position_jacobian(eskf, camera, centre_ned_m, camera_pos_ned_m)
-        cov: Float = H @ eskf.P @ H.T
-        return cov
+        return self._fuse(match, frame, started, eskf, camera, pose, T)
 
     def _search_radius_m(self, cov_ne_m2: Float) -> float:
         std = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
@@ -117,15 +118,15 @@ class MapFixer:
 
     def _fuse(
         self, match: Match, frame: FrameSample, started: float, eskf: ErrorStateFilter, camera: CameraAttitude,
-        camera_pos_ned_m: Float,
+        pose: CameraPose, T: Float,
     ) -> FixReport:  # fmt: skip
-        H = terrain_fix.apparent_position_jacobian(eskf, camera, match.centre_ned_m, camera_pos_ned_m)
+        H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
         weight = self._weight(predicted_ne, match.footprint_m)
         prior = density.moments()
         values, north_max, east_min = likelihood(
-            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m, weight
+            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m, 1.0
         )
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
@@ -133,10 +134,9 @@ class MapFixer:
         measured_ne = predicted_ne + match.displacement_ne_m
         reason = self._refusal(match, density)
         if reason is None:
-            increment = information_increment(prior, posterior)
-            if increment is not None:
-                eskf.update(increment.position_ne_m - predicted_ne, H, increment.cov_ne_m2)
-            self._update_heading_and_height(match, eskf, camera, camera_pos_ned_m, weight)
+            refinement = self._registrar.refine(match, density.mode_ne_m() - predicted_ne, T @ eskf.P @ T.T)
+            reason = self._update(match, refinement, eskf, camera, pose, T, weight, prior, posterior)
+        if reason is None:
             self._density = None  # the inertial filter now holds all that the density does
             self._last_accepted_ne_m = predicted_ne
             self.rejected_in_row = 0
@@ -145,6 +145,44 @@ class MapFixer:
         self._last_pos_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
         self._last_t_us = frame.t_us
         return self._report(frame, started, reason, match, measured_ne, posterior)
+
+    def _update(
+        self, match: Match, refinement: Refinement | None, eskf: ErrorStateFilter, camera: CameraAttitude,
+        pose: CameraPose, T: Float, weight: float, prior: Moments, posterior: Moments,
+    ) -> str | None:  # fmt: skip
+        """Hand what the picture adds to the inertial filter; why not, where it does not fit."""
+        config = self.config
+        if refinement is None:
+            H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
+            increment = information_increment(prior, posterior)
+            if increment is not None:
+                predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
+                eskf.update(increment.position_ne_m - predicted_ne, H, increment.cov_ne_m2 / weight)
+            self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
+            return None
+        self._follow_map_bias(eskf, refinement, match, pose)
+        noise = terrain_fix.PoseNoise(
+            config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation / np.sqrt(weight)
+        )
+        innovation = terrain_fix.pose(refinement, T, match.centre_ned_m, pose.pos_ned_m, noise)
+        if innovation is None:
+            return "the picture says nothing of the pose"
+        if not _apply(eskf, innovation, config.max_innovation_sigmas):
+            return "does not agree with the estimate"
+        return None
+
+    def _follow_map_bias(
+        self, eskf: ErrorStateFilter, refinement: Refinement, match: Match, pose: CameraPose
+    ) -> None:
+        """Let the map's local displacement be as large as the windows disagree: they see the same map differently."""
+        J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
+        information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
+        variance = float(np.mean(1.0 / np.maximum(np.linalg.eigvalsh(information), 1e-6)))
+        config = self.config
+        share = 1.0 - config.white_share
+        std_m = float(np.clip(config.noise_inflation * np.sqrt(share * variance), config.min_map_bias_m, config.max_map_bias_m))
+        keep = config.map_bias_memory
+        eskf.map_bias_std_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
 
     def _predicted_density(self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int) -> PointMassFilter:
         if self._density is None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.geometry.ground import ground_point_by_pose
 from estimator.types import Float
 
 MIN_TRACKS = 10
@@ -24,7 +25,9 @@ class DisplacementResidual:
 
     ``residual_ne_m`` (2,) is the mean over tracks of (ground point by the first ray) minus (by the second).
     ``by_pos_first``, ``by_pos_second`` (2, 3) and ``by_rotation_first``, ``by_rotation_second`` (2, 3) are its
-    derivatives by camera position NED and by the camera's rotation error about the NED axes. ``cov_m2`` (2, 2).
+    derivatives by camera position NED and by the camera's rotation error about the NED axes, ``by_ground`` (2, 1) by
+    how far the surface lies below the ground model: it scales the motion, and of all errors lasts the longest.
+    ``cov_m2`` (2, 2).
     """
 
     residual_ne_m: Float
@@ -32,6 +35,7 @@ class DisplacementResidual:
     by_pos_second: Float
     by_rotation_first: Float
     by_rotation_second: Float
+    by_ground: Float
     cov_m2: Float
     tracks: int
     inlier_fraction: float
@@ -89,12 +93,11 @@ def displacement_residual(
     displacement = float(np.hypot(*(pos_second_ned_m - pos_first_ned_m)[:2]))
     # neighbouring tracks share the error of the relief below them: a third of them counts
     cov = scatter / max(count / 3.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
-    by_pos_first = _by_position(slope_first[inlier])
-    by_pos_second = -_by_position(slope_second[inlier])
+    by_first = ground_point_by_pose(slope_first[inlier], height_first[inlier]).mean(axis=0)
+    by_second = -ground_point_by_pose(slope_second[inlier], height_second[inlier]).mean(axis=0)
     return DisplacementResidual(
-        mean, by_pos_first, by_pos_second,
-        rotation_jacobian(slope_first[inlier], height_first[inlier]),
-        -rotation_jacobian(slope_second[inlier], height_second[inlier]),
+        mean, by_first[:, :3], by_second[:, :3], by_first[:, 3:], by_second[:, 3:],
+        (slope_first[inlier] - slope_second[inlier]).mean(axis=0)[:, None],
         cov, count, count / len(residuals),
     )  # fmt: skip
 
@@ -107,24 +110,3 @@ def _inliers(residuals: Float, noise_m: float) -> np.ndarray:
         inlier = distance <= limit
         centre = residuals[inlier].mean(axis=0)
     return np.asarray(inlier)
-
-
-def _by_position(slope_ne: Float) -> Float:
-    """Mean derivative (2, 3) of a ground point by the camera's position: moving down shortens the ray."""
-    mean = slope_ne.mean(axis=0)
-    return np.array([[1.0, 0.0, -mean[0]], [0.0, 1.0, -mean[1]]])
-
-
-def rotation_jacobian(slope_ne: Float, height_m: Float) -> Float:
-    """Mean derivative (2, 3) of ground points by a small rotation of the camera about the NED axes.
-
-    ``slope_ne`` (n, 2) is north and east per unit down of the rays, ``height_m`` (n,) the height above the ground. A
-    ray r turns by dtheta x r; its slope s = r_ne / r_d changes by (dtheta x r)_ne / r_d - s (dtheta x r)_d / r_d.
-    """
-    north, east = slope_ne[:, 0], slope_ne[:, 1]
-    return np.array(
-        [
-            [-(height_m * north * east).mean(), (height_m * (1.0 + north**2)).mean(), -(height_m * east).mean()],
-            [-(height_m * (1.0 + east**2)).mean(), (height_m * north * east).mean(), (height_m * north).mean()],
-        ]
-    )

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.camera import Camera
-from estimator.geometry.ground import intersect_plane
+from estimator.geometry.ground import ground_point_by_pose, intersect_plane
 from estimator.ports import Correlation, GroundModel, ReferenceMap
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration
+from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
 from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
 from estimator.types import Float, Image
 
@@ -35,6 +36,7 @@ class MatcherConfig:
     scale_step: float = 0.02
     calibration: LikelihoodCalibration = field(default_factory=LikelihoodCalibration)
     verification: VerificationWeights = field(default_factory=VerificationWeights)
+    refinement: RefineConfig = field(default_factory=RefineConfig)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +53,8 @@ class Match:
 
     ``centre_ned_m`` (3,) is the ground point about which heading and scale are taken; ``correlation`` is over the
     displacement (true minus predicted) of that point. ``heading_rad`` and ``scale`` are the corrections of the best
-    hypothesis with their standard deviations, infinite where the hypotheses do not tell.
+    hypothesis with their standard deviations, infinite where the hypotheses do not tell. ``template`` is what was
+    compared, for ``Registrar.refine``.
     """
 
     correlation: Correlation
@@ -64,6 +67,26 @@ class Match:
     scale_std: float
     outlier_probability: float
     footprint_m: float
+    template: MatchedTemplate
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchedTemplate:
+    """The template of a match and where its pixels come from.
+
+    ``points_ned_m`` (rows, cols, 3) is where the predicted camera sees each pixel, ``offsets_ne_m`` (rows, cols, 2) its
+    place on the map about the patch's centre before displacement, and the search area reaches ``radius_px`` further.
+    """
+
+    channels: Channels
+    mask: NDArray[np.bool_]
+    points_ned_m: Float
+    offsets_ne_m: Float
+    centre_ned_m: Float
+    camera_pos_ned_m: Float
+    search: Channels
+    radius_px: int
+    gsd_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +143,37 @@ class Registrar:
         def attempt(heading_rad: float, scale: float) -> _Attempt | None:
             return self._attempt(source, search, patch, pose, heading_rad, scale)
 
-        return self._best(attempt, headings_rad, scales, patch, radius_px, half_ne)
+        return self._best(attempt, headings_rad, scales, patch, search, radius_px, half_ne, pose)
+
+    def refine(self, match: Match, displacement_ne_m: Float, prior_cov: Float) -> Refinement | None:
+        """The camera pose error that the picture tells, near a displacement (2,) of the match's centre.
+
+        ``prior_cov`` (6, 6) is the covariance of the pose error before the picture. None where the windows do not say.
+        """
+        template, config = match.template, self.config.refinement
+        step = template.gsd_m
+        row = round(template.radius_px - displacement_ne_m[0] / step)
+        col = round(template.radius_px + displacement_ne_m[1] / step)
+        windows = cut_windows(template.channels, template.mask, template.search, row, col, config)
+        if windows is None:
+            return None
+        at = np.round(windows.row).astype(int), np.round(windows.col).astype(int)
+        to_point = template.points_ned_m[at] - template.camera_pos_ned_m
+        J = ground_point_by_pose(to_point[:, :2] / to_point[:, 2:], to_point[:, 2])
+        # where the map has a window's pixels less where the predicted camera sees them, at the surface's middle
+        seen = template.points_ned_m[at][:, :2] - template.centre_ned_m[:2]
+        middle = np.array([(template.radius_px - row) * step, (col - template.radius_px) * step])
+        moved = template.offsets_ne_m[at] - seen + middle
+        rows_cols = np.array([[-1.0 / step, 0.0], [0.0, 1.0 / step]])
+        flat = J.reshape(-1, 6)
+        gain = prior_cov @ flat.T @ np.linalg.inv(flat @ prior_cov @ flat.T + np.eye(len(flat)) * (2.0 * step) ** 2)
+        return refine(
+            windows, rows_cols @ J, moved @ rows_cols.T, gain @ moved.reshape(-1), np.linalg.inv(prior_cov), config
+        )
 
     def _best(
         self, attempt: Callable[[float, float], _Attempt | None], headings_rad: Float, scales: Float, patch: _Patch,
-        radius_px: int, half_ne: Float,
+        search: SearchArea, radius_px: int, half_ne: Float, pose: CameraPose,
     ) -> Match | NoMatch:  # fmt: skip
         tried = [a for a in (attempt(float(h), 0.0) for h in headings_rad) if a is not None]
         if not tried:
@@ -140,9 +189,14 @@ class Registrar:
         displacement = np.array(
             [correlation.north_max_m - best.peak.row * step, correlation.east_min_m + best.peak.col * step]
         )
+        template = MatchedTemplate(
+            best.template, best.mask, best.points_ned_m, patch.offsets_ne_m, patch.centre_ned_m, pose.pos_ned_m,
+            search.channels, radius_px, step,
+        )  # fmt: skip
         return Match(
             correlation, best.peak, displacement, patch.centre_ned_m, heading, heading_std, scale, scale_std,
             outlier_probability(best.peak, self.config.verification), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
+            template,
         )  # fmt: skip
 
     def _patch(self, pose: CameraPose) -> _Patch | NoMatch:
@@ -247,11 +301,12 @@ class Registrar:
         template, mask = source.sample((points - pose.pos_ned_m) @ pose.ned_from_camera)
         if mask.sum() < self.config.min_template_px**2:
             return None
-        surface = search.correlate(self._channels(template), mask)
+        channels = self._channels(template)
+        surface = search.correlate(channels, mask)
         peak = find_peak(surface)
         if peak is None:
             return None
-        return _Attempt(surface, peak, heading_rad, scale, int(mask.sum()))
+        return _Attempt(surface, peak, heading_rad, scale, int(mask.sum()), channels, mask, points)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -261,6 +316,9 @@ class _Attempt:
     heading_rad: float
     scale: float
     pixels: int
+    template: Channels
+    mask: NDArray[np.bool_]
+    points_ned_m: Float
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,6 +24,7 @@ class SearchArea:
         if template_shape[0] > rows or template_shape[1] > cols:
             message = f"template {template_shape} is larger than the searched area {valid.shape}"
             raise ValueError(message)
+        self.channels = channels
         self.template_shape = template_shape
         self.out_shape = (rows - template_shape[0] + 1, cols - template_shape[1] + 1)
         self._shape = (fft.next_fast_len(rows, real=True), fft.next_fast_len(cols, real=True))
