@@ -24,7 +24,7 @@ STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
     "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
 )  # fmt: skip
-_SIZES = {"barometer_bias": 1, "ground_bias": 1, "map_bias": 2}
+_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +76,13 @@ class ProcessNoise:
     gyroscope_rad_rt_s: float = 0.0004
     accelerometer_bias_m_s2_rt_s: float = 0.003
     gyroscope_bias_rad_s_rt_s: float = 1.5e-4
-    barometer_bias_m_rt_s: float = 0.12
+    barometer_bias_m_rt_s: float = 0.06
     boresight_rad_rt_s: float = 1e-4
     attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
-    # trees and houses stand above a ground model, and a plane is not the ground: both last for tens of metres
-    ground_bias_std_m: float = 3.0
-    ground_bias_length_m: float = 60.0
+    # trees and houses stand above a ground model for tens of metres; the model itself is off, or the land wooded, for longer
+    ground_bias_std_m: tuple[float, float] = (2.5, 2.5)
+    ground_bias_length_m: tuple[float, float] = (50.0, 1500.0)
     map_bias_length_m: float = 40.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)
@@ -106,16 +106,21 @@ class Nominal:
     barometer_bias_m: float
     boresight_rad: Float
     attitude_bias_rad: Float
-    ground_bias_m: float = 0.0
+    ground_biases_m: Float = field(default_factory=lambda: np.zeros(2))
     map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
+
+    @property
+    def ground_bias_m(self) -> float:
+        """How far what is seen lies below the ground model."""
+        return float(self.ground_biases_m.sum())
 
 
 @dataclass(frozen=True, slots=True)
 class _Forgotten:
     """What a step leaves of the errors of ground model and imagery, as shares."""
 
-    ground: float
+    ground: Float
     map: float
 
 
@@ -179,7 +184,7 @@ class ErrorStateFilter:
             self.nominal,
             motion=motion,
             attitude_bias_rad=self._decayed_bias(dt_s),
-            ground_bias_m=self.nominal.ground_bias_m * forgotten.ground,
+            ground_biases_m=self.nominal.ground_biases_m * forgotten.ground,
             map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
         )
 
@@ -211,7 +216,7 @@ class ErrorStateFilter:
         self.nominal = replace(
             self.nominal,
             motion=Motion(pos, motion.vel_ned_m_s, q_ned_from_body),
-            ground_bias_m=self.nominal.ground_bias_m * forgotten.ground,
+            ground_biases_m=self.nominal.ground_biases_m * forgotten.ground,
             map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
         )
 
@@ -221,12 +226,12 @@ class ErrorStateFilter:
         distance_m = float(np.hypot(north, east)) * dt_s
         noise = self.noise
         forgotten = _Forgotten(
-            float(np.exp(-distance_m / noise.ground_bias_length_m)), float(np.exp(-distance_m / noise.map_bias_length_m))
+            np.exp(-distance_m / np.array(noise.ground_bias_length_m)), float(np.exp(-distance_m / noise.map_bias_length_m))
         )
         for name, decay in (("ground_bias", forgotten.ground), ("map_bias", forgotten.map)):
             where = self.layout.slices.get(name)
             if where is not None:
-                F[where, where] *= decay
+                np.einsum("ii->i", F[where, where])[:] *= decay
         return forgotten
 
     def _renew_ground(self, diagonal: Float, forgotten: _Forgotten) -> None:
@@ -237,7 +242,7 @@ class ErrorStateFilter:
         for name, decay, std_m in stds:
             where = self.layout.slices.get(name)
             if where is not None:
-                diagonal[where] += std_m**2 * (1.0 - decay**2)
+                diagonal[where] += np.square(std_m) * (1.0 - np.square(decay))
 
     def _decay_attitude_bias(self, F: Float, dt_s: float) -> None:
         where = self.layout.slices.get("attitude_bias")
@@ -285,7 +290,7 @@ class ErrorStateFilter:
             barometer_bias_m=moved_scalar("barometer_bias", nominal.barometer_bias_m),
             boresight_rad=moved("boresight", nominal.boresight_rad),
             attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
-            ground_bias_m=moved_scalar("ground_bias", nominal.ground_bias_m),
+            ground_biases_m=moved("ground_bias", nominal.ground_biases_m),
             map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
             clone=self._moved_clone(dx),
         )

@@ -39,13 +39,14 @@ class MapFixConfig:
     max_search_m: float = 160.0
     correlation_share: float = 0.25
     min_weight: float = 0.05
-    noise_inflation: float = 2.5
+    noise_inflation: float = 3.0
     white_share: float = 0.5
+    min_agreement: float = 0.4
     max_innovation_sigmas: float = 6.0
     map_bias_memory: float = 0.9
     min_map_bias_m: float = 0.05
     max_map_bias_m: float = 4.0
-    max_outlier_probability: float = 0.9
+    max_outlier_probability: float = 0.99
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
     heading_floor_rad: float = 0.003
@@ -122,11 +123,12 @@ class MapFixer:
     ) -> FixReport:  # fmt: skip
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
+        fresh = self._density is None
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
         weight = self._weight(predicted_ne, match.footprint_m)
         prior = density.moments()
         values, north_max, east_min = likelihood(
-            match.correlation, self._registrar.config.calibration, match.outlier_probability, density.cell_m, 1.0
+            match.correlation, self._registrar.config.calibration, 0.0, density.cell_m, 1.0 if fresh else weight
         )
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
@@ -152,15 +154,11 @@ class MapFixer:
     ) -> str | None:  # fmt: skip
         """Hand what the picture adds to the inertial filter; why not, where it does not fit."""
         config = self.config
-        if refinement is None:
-            H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
-            increment = information_increment(prior, posterior)
-            if increment is not None:
-                predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
-                eskf.update(increment.position_ne_m - predicted_ne, H, increment.cov_ne_m2 / weight)
-            self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
-            return None
-        self._follow_map_bias(eskf, refinement, match, pose)
+        if refinement is None or refinement.agreement < config.min_agreement:
+            return self._update_by_density(match, eskf, camera, pose, T, weight, prior, posterior)
+        J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
+        information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
+        self._follow_map_bias(eskf, config.noise_inflation**2 * np.linalg.inv(information + np.eye(2) * 1e-6))
         noise = terrain_fix.PoseNoise(
             config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation / np.sqrt(weight)
         )
@@ -171,16 +169,27 @@ class MapFixer:
             return "does not agree with the estimate"
         return None
 
-    def _follow_map_bias(
-        self, eskf: ErrorStateFilter, refinement: Refinement, match: Match, pose: CameraPose
-    ) -> None:
-        """Let the map's local displacement be as large as the windows disagree: they see the same map differently."""
-        J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
-        information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
-        variance = float(np.mean(1.0 / np.maximum(np.linalg.eigvalsh(information), 1e-6)))
+    def _update_by_density(
+        self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, pose: CameraPose, T: Float, weight: float,
+        prior: Moments, posterior: Moments,
+    ) -> str | None:  # fmt: skip
+        increment = information_increment(prior, posterior)
+        if increment is None:
+            return None
+        H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
+        predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
+        self._follow_map_bias(eskf, increment.cov_ne_m2)
+        R = increment.cov_ne_m2 * self.config.white_share
+        if not _apply(eskf, Innovation(increment.position_ne_m - predicted_ne, H, R), self.config.max_innovation_sigmas):
+            return "does not agree with the estimate"
+        self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
+        return None
+
+    def _follow_map_bias(self, eskf: ErrorStateFilter, cov_ne_m2: Float) -> None:
+        """Let the map's local displacement be as large as its share of what pictures are uncertain by."""
         config = self.config
-        share = 1.0 - config.white_share
-        std_m = float(np.clip(config.noise_inflation * np.sqrt(share * variance), config.min_map_bias_m, config.max_map_bias_m))
+        best_m2 = (1.0 - config.white_share) * float(np.linalg.eigvalsh(cov_ne_m2)[0])
+        std_m = float(np.clip(np.sqrt(best_m2), config.min_map_bias_m, config.max_map_bias_m))
         keep = config.map_bias_memory
         eskf.map_bias_std_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
 

@@ -35,7 +35,7 @@ def apparent_pose_jacobian(eskf: ErrorStateFilter, camera: CameraAttitude) -> Fl
         6,
         position=position,
         map_bias=position[:, :2],
-        ground_bias=-position[:, 2:],
+        ground_bias=-position[:, [2, 2]],
         attitude=turn @ camera.by_attitude,
         boresight=turn @ camera.by_boresight,
     )
@@ -92,6 +92,6 @@ def heading(eskf: ErrorStateFilter, camera: CameraAttitude, correction_rad: floa
 def height(eskf: ErrorStateFilter, height_m: float, scale: float, std: float) -> Innovation:
     """Innovation of the height above what is seen, as a share of it."""
     H = eskf.layout.jacobian(
-        1, position=np.array([[0.0, 0.0, -1.0 / height_m]]), ground_bias=np.array([[1.0 / height_m]])
+        1, position=np.array([[0.0, 0.0, -1.0 / height_m]]), ground_bias=np.array([[1.0, 1.0]]) / height_m
     )
     return Innovation(np.array([scale]), H, np.array([[std**2]]))

@@ -15,7 +15,7 @@ def displacement(eskf: ErrorStateFilter, residual: DisplacementResidual, camera:
         position=residual.by_pos_second,
         attitude=residual.by_rotation_second @ camera.by_attitude,
         boresight=residual.by_rotation_second @ camera.by_boresight,
-        ground_bias=residual.by_ground,
+        ground_bias=residual.by_ground[:, [0, 0]],
         clone_position=residual.by_pos_first,
         clone_rotation=residual.by_rotation_first,
     )

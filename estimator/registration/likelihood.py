@@ -22,10 +22,10 @@ class LikelihoodCalibration:
     """
 
     version: str = "double_angle/1"
-    effective_fraction: float = 0.10
-    map_std_m: float = 0.6
-    map_std_px: float = 0.2
-    floor: float = 0.01
+    effective_fraction: float = 0.03
+    map_std_m: float = 0.3
+    map_std_px: float = 0.4
+    floor: float = 0.02
 
 
 def log_ratio(surface: NDArray[np.floating], samples: float) -> Float:

@@ -64,7 +64,6 @@ class Refinement:
     information: Float
     agreement: float
     windows: int
-    temperature: float
 
 
 def cut_windows(
@@ -131,29 +130,30 @@ def refine(
     """
     fields = _fields(windows.surface)
     x = start.copy()
-    temperature = 1.0
     reach = config.reach_px
-    for step in range(config.iterations):
+    for step in range(config.iterations + 1):
         at = np.einsum("kij,j->ki", jacobian_px, x) - offset_px
         usable = (np.abs(at) <= reach - 1.0).all(axis=1)
         if usable.sum() < config.min_windows:
             return None
         g, M = _slopes(fields, at, reach)
-        g[~usable], M[~usable] = 0.0, 0.0
-        temperature = _temperature(g, M, int(usable.sum()))
-        b = temperature * np.einsum("kij,ki->j", jacobian_px, g)
-        A = temperature * np.einsum("kia,kij,kjb->ab", jacobian_px, M, jacobian_px)
-        if step == config.iterations - 1:
+        J, g, M = jacobian_px[usable], g[usable], M[usable]
+        A = np.einsum("kia,kij,kjb->ab", J, M, J)
+        B = np.einsum("kia,ij,kjb->ab", J, _scatter(g), J)
+        spread = np.linalg.inv(B + np.diag(1e-9 * np.diag(B)))
+        information = A @ spread @ A
+        gain = A @ spread @ np.einsum("kij,ki->j", J, g)
+        if step == config.iterations:
             break
-        dx = np.linalg.solve(A + prior_information, b - prior_information @ x)
+        dx = np.linalg.solve(information + prior_information, gain - prior_information @ x)
         moved = np.abs(np.einsum("kij,j->ki", jacobian_px, dx)).max()
         x = x + dx * min(1.0, config.max_step_px / max(moved, 1e-9))
-    at = np.einsum("kij,j->ki", jacobian_px, x) - offset_px
-    eigenvalues, axes = np.linalg.eigh(A)
+    information = 0.5 * (information + information.T)
+    eigenvalues, axes = np.linalg.eigh(information)
     known = eigenvalues > 1e-9 * max(float(eigenvalues[-1]), 1e-12)
-    best = x + axes[:, known] @ ((axes[:, known].T @ b) / eigenvalues[known])
+    best = x + axes[:, known] @ ((axes[:, known].T @ gain) / eigenvalues[known])
     agreement = _agreement(windows.surface, at, usable, reach, config.inlier_px)
-    return Refinement(x, best, A, agreement, int(usable.sum()), temperature)
+    return Refinement(x, best, information, agreement, int(usable.sum()))
 
 
 def _fields(surface: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -184,10 +184,11 @@ def _slopes(fields: NDArray[np.float32], at_px: Float, reach: int) -> tuple[Floa
     return g, M
 
 
-def _temperature(g: Float, M: Float, count: int) -> float:
-    """Scale of the log likelihood at which the windows' scatter equals what their curvature promises."""
-    scatter = float((g**2).sum()) * count / max(count - 3, 1)
-    return float(np.einsum("kii->", M)) / max(scatter, 1e-12)
+def _scatter(g: Float) -> Float:
+    """Covariance (2, 2) of the windows' gradients about zero, with the degrees of freedom that the pose took."""
+    count = len(g)
+    scatter: Float = g.T @ g / max(count - 3, 1)
+    return scatter + np.eye(2) * (1e-6 * float(np.trace(scatter)) + 1e-12)
 
 
 def _agreement(
