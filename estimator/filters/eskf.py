@@ -83,7 +83,7 @@ class ProcessNoise:
     # trees and houses stand above a ground model for tens of metres; the model itself is off, or the land wooded, for longer
     ground_bias_std_m: tuple[float, float] = (2.5, 2.5)
     ground_bias_length_m: tuple[float, float] = (50.0, 1500.0)
-    map_bias_length_m: float = 40.0
+    map_bias_length_m: float = 45.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)
 

@@ -35,12 +35,12 @@ class MapFixConfig:
     """
 
     search_sigmas: float = 3.5
-    min_search_m: float = 6.0
+    min_search_m: float = 10.0
     max_search_m: float = 160.0
     correlation_share: float = 0.25
     min_weight: float = 0.05
     noise_inflation: float = 3.0
-    white_share: float = 0.5
+    white_share: float = 0.15
     min_agreement: float = 0.4
     max_innovation_sigmas: float = 6.0
     map_bias_memory: float = 0.9
@@ -49,8 +49,8 @@ class MapFixConfig:
     max_outlier_probability: float = 0.99
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
-    heading_floor_rad: float = 0.003
-    scale_floor: float = 0.008
+    heading_floor_rad: float = 0.01
+    scale_floor: float = 0.03
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
 
 
@@ -128,7 +128,7 @@ class MapFixer:
         weight = self._weight(predicted_ne, match.footprint_m)
         prior = density.moments()
         values, north_max, east_min = likelihood(
-            match.correlation, self._registrar.config.calibration, 0.0, density.cell_m, 1.0 if fresh else weight
+            match.correlation, match.peak, self._registrar.config.calibration, 0.0, density.cell_m, 1.0 if fresh else weight
         )
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()

@@ -14,7 +14,7 @@ from estimator.geometry.ground import ground_point_by_pose, intersect_plane
 from estimator.ports import Correlation, GroundModel, ReferenceMap
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
-from estimator.registration.likelihood import LikelihoodCalibration
+from estimator.registration.likelihood import LikelihoodCalibration, log_matched
 from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
 from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
 from estimator.types import Float, Image
@@ -371,8 +371,7 @@ def _vertex(
         return parameter(best), abs(parameter(values[1]) - parameter(values[0]))
     around = values[index - 1 : index + 2]
     x = np.array([parameter(a) for a in around])
-    samples = config.calibration.effective_fraction * best.pixels
-    log_p = np.array([-0.5 * samples * np.log1p(-(max(a.peak.value, 0.0) ** 2)) for a in around])
+    log_p = log_matched(np.array([a.peak.value for a in around]), best.peak, config.calibration.temperature)
     a, b, _ = np.polyfit(x - x[1], log_p, 2)
     if a >= -1e-9:
         return parameter(best), float("inf")

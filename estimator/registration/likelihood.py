@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.ports import Correlation
+from estimator.registration.verify import Peak
 from estimator.types import Float
 
 
@@ -16,27 +17,32 @@ from estimator.types import Float
 class LikelihoodCalibration:
     """How far to trust a similarity surface; versioned because results depend on it.
 
-    ``effective_fraction`` is the share of template pixels that count as independent samples in the generalised
-    likelihood ratio p ~ (1 - C^2)^(-n/2); ``map_std_m`` the standard deviation of the reference's own local error;
-    ``floor`` the smallest probability that the whole surface is wrong.
+    ``temperature`` scales the log likelihood of a matched filter: one if neighbouring pixels erred independently of the
+    scene, less because they do not. ``map_std_m`` and ``map_std_px`` make up the standard deviation of the reference's
+    own local error; ``floor`` is the smallest probability that the whole surface is wrong.
     """
 
-    version: str = "double_angle/1"
-    effective_fraction: float = 0.03
-    map_std_m: float = 0.3
-    map_std_px: float = 0.4
+    version: str = "double_angle/2"
+    temperature: float = 0.4
+    map_std_m: float = 0.4
+    map_std_px: float = 0.8
     floor: float = 0.02
 
 
-def log_ratio(surface: NDArray[np.floating], samples: float) -> Float:
-    """Log of the generalised likelihood ratio, -n/2 log(1 - C^2), zero for negative or unknown similarity."""
-    positive = np.clip(np.nan_to_num(np.asarray(surface, dtype=np.float64), nan=0.0), 0.0, 0.999)
-    out: Float = -0.5 * samples * np.log1p(-(positive**2))
+def log_matched(similarity: NDArray[np.floating], peak: Peak, temperature: float) -> Float:
+    """Log likelihood of similarities, up to a constant: t z0 z, with z in deviations of the surface's clutter.
+
+    A similarity is signal plus clutter of standard deviation s, which the surface itself shows away from its peak; with
+    a signal of the peak's size c0 the log likelihood of a place is c0 c / s^2 = z0 z. Lines and repeated patterns make
+    large clutter, so a peak on them says little (Pilotage methods, section 2.3, compares other forms).
+    """
+    out: Float = np.asarray(similarity, dtype=np.float64) * (temperature * peak.psr / max(peak.clutter_std, 1e-6))
     return out
 
 
 def likelihood(
     correlation: Correlation,
+    peak: Peak,
     calibration: LikelihoodCalibration,
     outlier_probability: float,
     step_m: float,
@@ -54,7 +60,7 @@ def likelihood(
 
     Notes
     -----
-    p = (1 - e) normalised GLRT, convolved with the map's error, + e / area (methods as in the Pilotage notes, 2.3).
+    p = (1 - e) normalised exp(t z0 z), convolved with the map's error, + e / area.
     """
     ratio = correlation.step_m / step_m
     rows, cols = correlation.surface.shape
@@ -63,7 +69,7 @@ def likelihood(
     row_at = (np.arange(shape[0], dtype=np.float32) / np.float32(ratio))[:, None].repeat(shape[1], axis=1)
     col_at = (np.arange(shape[1], dtype=np.float32) / np.float32(ratio))[None].repeat(shape[0], axis=0)
     fine = cv2.remap(surface, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    log_p = log_ratio(np.asarray(fine, dtype=np.float32), calibration.effective_fraction * correlation.pixels)
+    log_p = log_matched(np.asarray(fine, dtype=np.float32), peak, calibration.temperature)
     p = np.exp(weight * (log_p - log_p.max()))
     spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
     p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m / np.sqrt(weight), 0.3), borderType=cv2.BORDER_CONSTANT)

@@ -13,7 +13,7 @@ class Peak:
     """The best place of a surface and what speaks for it.
 
     ``row``, ``col`` are sub-pixel. ``psr`` is the peak's height over the rest of the surface in its standard
-    deviations; ``second_ratio`` the highest similarity more than five pixels away over the peak's.
+    deviations, ``clutter_std``; ``second_ratio`` the highest similarity more than five pixels away over the peak's.
     """
 
     row: float
@@ -22,6 +22,7 @@ class Peak:
     psr: float
     second_ratio: float
     at_edge: bool
+    clutter_std: float
 
 
 EXCLUDED_PX = 5
@@ -39,16 +40,17 @@ def find_peak(surface: NDArray[np.floating]) -> Peak | None:
     rest[max(0, row - EXCLUDED_PX) : row + EXCLUDED_PX + 1, max(0, col - EXCLUDED_PX) : col + EXCLUDED_PX + 1] = False
     others = filled[rest]
     if others.size > 20:
-        psr = (value - float(others.mean())) / max(float(others.std()), 1e-6)
+        clutter = max(float(others.std()), 1e-6)
+        psr = (value - float(others.mean())) / clutter
         second = float(others.max()) / max(value, 1e-6)
     else:
-        psr, second = 0.0, 1.0
+        clutter, psr, second = 1.0, 0.0, 1.0
     at_edge = row in (0, rows - 1) or col in (0, cols - 1)
     if at_edge:
-        return Peak(float(row), float(col), value, psr, second, True)
+        return Peak(float(row), float(col), value, psr, second, True, clutter)
     d_row = _vertex(filled[row - 1, col], value, filled[row + 1, col])
     d_col = _vertex(filled[row, col - 1], value, filled[row, col + 1])
-    return Peak(row + d_row, col + d_col, value, psr, second, False)
+    return Peak(row + d_row, col + d_col, value, psr, second, False, clutter)
 
 
 def _vertex(before: float, at: float, after: float) -> float:
