@@ -85,7 +85,7 @@ class ProcessNoise:
     ground_bias_length_m: tuple[float, float] = (50.0, 1500.0)
     map_bias_length_m: float = 45.0
     # without inertial data the velocity is a random walk
-    manoeuvre_m_s2_rt_s: tuple[float, float, float] = (1.6, 1.6, 0.8)
+    manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,15 +37,15 @@ class MapFixConfig:
     search_sigmas: float = 3.5
     min_search_m: float = 10.0
     max_search_m: float = 160.0
-    correlation_share: float = 0.25
-    min_weight: float = 0.05
+    correlation_share: float = 0.4
+    min_weight: float = 0.03
     noise_inflation: float = 3.0
-    white_share: float = 0.15
+    white_share: float = 0.3
     min_agreement: float = 0.4
     max_innovation_sigmas: float = 6.0
     map_bias_memory: float = 0.9
     min_map_bias_m: float = 0.05
-    max_map_bias_m: float = 4.0
+    max_map_bias_m: float = 1.5
     max_outlier_probability: float = 0.99
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
@@ -179,11 +179,23 @@ class MapFixer:
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
         self._follow_map_bias(eskf, increment.cov_ne_m2)
-        R = increment.cov_ne_m2 * self.config.white_share
+        R = self._noise(eskf, increment.cov_ne_m2, weight)
         if not _apply(eskf, Innovation(increment.position_ne_m - predicted_ne, H, R), self.config.max_innovation_sigmas):
             return "does not agree with the estimate"
         self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
         return None
+
+    def _noise(self, eskf: ErrorStateFilter, cov_ne_m2: Float, weight: float) -> Float:
+        """Covariance (2, 2) of a fix beside the map's displacement.
+
+        What neighbouring fixes have in common is a state as far as that is as large; the rest of what makes a fix
+        uncertain (along a road, over a bare field) they share as well, so it is spread over those that do.
+        """
+        variances, axes = np.linalg.eigh(cov_ne_m2)
+        by_state = np.minimum(variances, 2.0 * eskf.map_bias_std_m**2)
+        spread = self.config.white_share * by_state + (variances - by_state) / weight
+        noise: Float = axes @ np.diag(spread) @ axes.T
+        return noise
 
     def _follow_map_bias(self, eskf: ErrorStateFilter, cov_ne_m2: Float) -> None:
         """Let the map's local displacement be as large as its share of what pictures are uncertain by."""
