@@ -28,6 +28,8 @@ from estimator.types import Float
 _FREEDOM = 4.0
 _STEPS = 12
 _SETTLED_S = 1e-6
+# normalised square of a turn that is an outlier for certain
+_FAR_OFF = 50.0
 # that so many basins of the search may compete
 _BASINS = 4
 
@@ -129,9 +131,10 @@ def estimate_offset(
     start = _State()
     scale = np.zeros(3)
     # the noise that the telemetry adds is known only near the right offset: scan, measure it, scan again
-    for _ in range(2):
-        start.offset_s = problem.minima(lags_s, start, scale)[0].lag_s
-        scale = problem.added_noise(start)
+    start.offset_s = float(lags_s[int(np.argmin(problem.scan(lags_s, start, scale)))])
+    scale = problem.added_noise(start)
+    costs = problem.scan(lags_s, start, scale)
+    start.offset_s = problem.minima(lags_s, costs, start, scale)[0].lag_s
     solution = problem.refine(start)
     return problem.judged(solution, lags_s)
 
@@ -188,9 +191,8 @@ class _Problem:
             costs[index] = (_FREEDOM + 3.0) * np.log1p(squares / _FREEDOM).sum()
         return costs
 
-    def minima(self, lags_s: Float, state: _State, added_rad_s: Float) -> list[_Minimum]:
-        """The lowest basins (at least one), found on the grid and then at a tenth of its step, best first."""
-        costs = self.scan(lags_s, state, added_rad_s)
+    def minima(self, lags_s: Float, costs: Float, state: _State, added_rad_s: Float) -> list[_Minimum]:
+        """The lowest basins (at least one) of a scan's costs (m,), looked up at a tenth of its step, best first."""
         padded = np.concatenate(([np.inf], costs, [np.inf]))
         basins = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
         basins = basins[np.argsort(costs[basins], kind="stable")][:_BASINS]
@@ -291,7 +293,7 @@ class _Problem:
         S = self._autocorrelated(scores) + self._prior
         # noise in the telemetry's rates looks like change that could tell the offset, and does not: only change that
         # the pictures saw as well, with a noise of their own, counts (the instrumental variable of econometrics)
-        shared = slope * self._shared_change(J[:, :, 0], inverse)
+        shared = slope * self._shared_change(J[:, :, 0], inverse, squares)
         H[0, 0] = explained + min(max(shared - explained, 1e-3 * nominal, 1e-9), nominal)
         inverted = np.linalg.inv(H)
         sandwich = inverted @ S @ inverted
@@ -311,18 +313,17 @@ class _Problem:
         corrected: Float = S * (count / (count - size))
         return corrected
 
-    def _shared_change(self, change_rad_s: Float, inverse: Float) -> float:
+    def _shared_change(self, change_rad_s: Float, inverse: Float, squares: Float) -> float:
         """Information on the offset in the change of rate (n, 3) over pairs, as far as their neighbours confirm it."""
         rates = self._turns.rotvec_camera_rad / self._dt_s[:, None]
         middle_s = 0.5 * (self._turns.first_s + self._turns.second_s)
         apart_s = middle_s[2:] - middle_s[:-2]
         near = apart_s < 3.0 * self._dt_s[1:-1]
+        # a picture or two that are far off must not decide
+        near &= (squares[2:] < _FAR_OFF) & (squares[:-2] < _FAR_OFF)
         if not near.any():
             return 0.0
         seen = (rates[2:] - rates[:-2]) * (self._dt_s[1:-1] / apart_s)[:, None]
-        # a picture or two that are far off must not decide
-        limit = 5.0 * np.median(np.abs(seen[near]), axis=0)
-        seen = np.clip(seen, -limit, limit)
         products = np.einsum("ni,nij,nj->n", change_rad_s[1:-1], inverse[1:-1], seen)
         return float(products[near].mean()) * len(rates)
 
@@ -344,12 +345,13 @@ class _Problem:
         if local_std_s > flat_std_s:
             return flat_std_s
         width_s = math.sqrt(math.tau) * local_std_s
-        basins = self.minima(lags_s, state, self._added)
+        costs = self.scan(lags_s, state, self._added)
+        basins = self.minima(lags_s, costs, state, self._added)
         here = float(self.scan(np.array([state.offset_s]), state, self._added)[0])
         # another basin may be the true one in spite of its cost; the slopes of this one may not
         gained = np.concatenate(
             (
-                self.scan(lags_s, state, self._added) - here,
+                costs - here,
                 np.array([basin.cost for basin in basins]) - here - self._chance_gain(state),
             )
         )

@@ -94,6 +94,21 @@ def test_weak_slow_motion_is_not_overrated() -> None:
         assert abs(found.offset_s + 0.1) < 3.0 * found.std_s
 
 
+def test_three_short_manoeuvres_in_long_rest_are_enough() -> None:
+    """Rest is most of it, so that what is usual says nothing of what there is to see."""
+    t_s = np.arange(-5.0, 40.0, 0.01)
+    bursts = sum(np.exp(-0.5 * ((t_s - at_s) / 0.25) ** 2) for at_s in (6.0, 14.0, 25.0))
+    rates = CubicSpline(t_s, np.outer(bursts, (0.2, -0.3, 0.5)))
+    errors = []
+    for seed in range(20):
+        found = _estimate(seed, Motion(), -0.4, rates)
+        assert found.observable, found.reason
+        assert found.std_s < 0.005
+        errors.append((found.offset_s + 0.4) / found.std_s)
+
+    assert np.sqrt(np.mean(np.square(errors))) < 1.5
+
+
 def test_repeating_motion_is_ambiguous() -> None:
     """A pure oscillation of 0.8 s fits as well one period off: the sigma says so, whichever minimum is taken."""
     t_s = np.arange(-5.0, 40.0, 0.01)
