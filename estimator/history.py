@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.geometry.rotation import matrix_from_q, q_multiply, q_slerp, rotvec_from_q
-from estimator.types import Float, NavigationState, Sample
+from estimator.types import Float, InertialSample, NavigationState, Sample
 
 
 class SampleQueue:
@@ -91,6 +91,44 @@ class AttitudeTrack:
         if beyond == 0 or not 0 < span <= max_extrapolation_us:
             return self._q[-1]
         return q_slerp(self._q[-2], self._q[-1], 1.0 + beyond / span)
+
+
+class InertialTrack:
+    """Gyroscope and accelerometer readings over time, interpolated; keeps the last ``keep_s`` seconds.
+
+    A reading tells of a moment ``delay_s`` before its stamp: it is the mean since the last one, or has passed a filter.
+    """
+
+    def __init__(self, delay_s: float, keep_s: float = 4.0) -> None:
+        self._t_us: list[int] = []
+        self._readings: list[Float] = []
+        self._delay_us = round(delay_s * 1e6)
+        self._keep_us = int(keep_s * 1e6)
+
+    def add(self, sample: InertialSample) -> None:
+        """Add a reading, in any order; one for a time already held is ignored."""
+        t_us = sample.t_us - self._delay_us
+        index = bisect.bisect_left(self._t_us, t_us)
+        if index < len(self._t_us) and self._t_us[index] == t_us:
+            return
+        self._t_us.insert(index, t_us)
+        self._readings.insert(index, np.concatenate((sample.rate_body_rad_s, sample.specific_force_body_m_s2)))
+        if self._t_us[0] < self._t_us[-1] - 2 * self._keep_us:
+            keep = bisect.bisect_left(self._t_us, self._t_us[-1] - self._keep_us)
+            del self._t_us[:keep], self._readings[:keep]
+
+    def at(self, t_us: int) -> tuple[Float, Float] | None:
+        """Rates (3,) and specific force (3,) at a time, those at the ends held beyond them; None before the first."""
+        if not self._t_us:
+            return None
+        index = bisect.bisect_left(self._t_us, t_us)
+        if index in (0, len(self._t_us)):
+            reading = self._readings[min(index, len(self._t_us) - 1)]
+        else:
+            before, after = self._t_us[index - 1], self._t_us[index]
+            share = (t_us - before) / (after - before)
+            reading = (1.0 - share) * self._readings[index - 1] + share * self._readings[index]
+        return reading[:3], reading[3:]
 
 
 class StateHistory:

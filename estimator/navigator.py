@@ -18,12 +18,13 @@ from estimator.filters.strapdown import EarthModel, propagate
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, q_multiply, q_normalise
-from estimator.history import AttitudeTrack, SampleQueue, StateHistory, rotation_between
+from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, StateHistory, rotation_between
 from estimator.measurements import barometer, gnss, heading
 from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal, camera_rotation_jacobian
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixConfig, MapFixer
 from estimator.measurements.picture_to_picture import OdometryConfig, VisualOdometry
+from estimator.measurements.video_clock import VideoClock, VideoClockConfig
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.alignment import MatcherConfig, Registrar
 from estimator.types import (
@@ -34,6 +35,7 @@ from estimator.types import (
     Float,
     FrameSample,
     GnssSample,
+    Image,
     InertialSample,
     Mode,
     NavigationState,
@@ -56,6 +58,8 @@ class NavigatorConfig:
     matcher: MatcherConfig = field(default_factory=MatcherConfig)
     map_fix: MapFixConfig = field(default_factory=MapFixConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    video_clock: VideoClockConfig = field(default_factory=VideoClockConfig)
+    find_video_offset: bool = False
     use_inertial: bool = True
     fix_interval_s: float = 0.4
     history_s: float = 120.0
@@ -67,6 +71,7 @@ class NavigatorConfig:
     gnss_min_std_m: float = 1.5
     min_inertial_hz: float = 18.0
     inertial_timeout_s: float = 0.5
+    inertial_delay_s: float = 0.010
     lost_std_m: float = 100.0
     vision_timeout_s: float = 6.0
     vision_std_m: float = 12.0
@@ -100,9 +105,10 @@ class Navigator:
         self._fixer = None
         if reference is not None:
             self._fixer = MapFixer(Registrar(camera, reference, ground, frame.alt_m, config.matcher), config.map_fix)
+        self._video_clock = VideoClock(camera, mount, gimbal, config.video_clock) if config.find_video_offset else None
         self._clock_s = clock_s
         self._t_us = 0
-        self._inertial: InertialSample | None = None
+        self._inertial = InertialTrack(config.inertial_delay_s)
         self._inertial_times_us: list[int] = []
         self._last_us = dict.fromkeys(("fix", "try", "gnss", "barometer", "attitude"), -(10**15))
         self._counts: dict[str, int] = {}
@@ -123,11 +129,24 @@ class Navigator:
         """What alignment still lacks, None once the filter runs."""
         return None if self._eskf is not None else self._initial.missing()
 
+    @property
+    def video_clock(self) -> VideoClock | None:
+        """What is known of the video's clock, None where its offset was given."""
+        return self._video_clock
+
+    def exposure_us(self, t_frame_us: int) -> int:
+        """When a picture with this frame time was taken, as far as the video's clock is known."""
+        return t_frame_us + (self._video_clock.offset_us if self._video_clock is not None else 0)
+
     def offer(self, sample: Sample) -> None:
         """Take a sample; it is used when ``advance`` passes its time. One that comes too late is counted and left."""
+        if self._video_clock is not None:
+            sample = self._on_one_clock(sample, self._video_clock)
         match sample:
             case AttitudeSample():
                 self._attitudes.add(sample.t_us, sample.q_ned_from_body)
+            case InertialSample():
+                self._inertial.add(sample)
             case CameraAttitudeSample():
                 self._camera_attitude.offer(sample)
                 return
@@ -135,8 +154,25 @@ class Navigator:
                 pass
         self._queue.push(sample)
 
+    def _on_one_clock(self, sample: Sample, clock: VideoClock) -> Sample:
+        if not isinstance(sample, FrameSample):
+            clock.offer(sample)
+            return sample
+        started = self._clock_s()
+        down_camera = np.array([0.0, 0.0, 1.0])
+        if self._eskf is not None:
+            down_camera = self._camera_now(self._eskf)[0].ned_from_camera[2]
+        clock.see(sample.t_us, _grey(sample.image), down_camera)
+        self.stage_seconds["video_clock"] = self.stage_seconds.get("video_clock", 0.0) + self._clock_s() - started
+        return replace(sample, t_us=self.exposure_us(sample.t_us))
+
     def advance(self, t_us: int) -> list[FixReport]:
-        """Process all samples up to ``t_us``; returns the attempts at fixes made on the way."""
+        """Process all samples up to ``t_us``; returns the attempts at fixes made on the way.
+
+        Where the video's clock runs ahead of the telemetry's it stays so far behind ``t_us``.
+        """
+        if self._video_clock is not None:
+            t_us -= self._video_clock.lag_us
         reports = []
         for sample in self._queue.take_until(t_us):
             report = self._handle(sample)
@@ -180,7 +216,7 @@ class Navigator:
             return None
         if isinstance(sample, InertialSample):
             self._note_inertial(sample)
-        self._predict_to(sample.t_us, sample)
+        self._predict_to(sample.t_us)
         report = None
         match sample:
             case BarometerSample():
@@ -223,24 +259,20 @@ class Navigator:
         rate_hz = (len(times) - 1) / max((times[-1] - times[0]) / 1e6, 1e-6)
         return "inertial" if rate_hz >= self.config.min_inertial_hz else "attitude"
 
-    def _predict_to(self, t_us: int, sample: Sample) -> None:
+    def _predict_to(self, t_us: int) -> None:
         eskf = self._eskf
         if eskf is None or t_us <= self._t_us:
-            if isinstance(sample, InertialSample):
-                self._inertial = sample
             return
         started = self._clock_s()
         while self._t_us < t_us:
             step_us = min(t_us - self._t_us, 100_000)
             dt_s = step_us / 1e6
-            reading = sample if isinstance(sample, InertialSample) else self._inertial
+            reading = self._inertial.at(self._t_us + step_us // 2)
             if self._process_model() == "inertial" and reading is not None:
-                eskf.predict_inertial(reading.rate_body_rad_s, reading.specific_force_body_m_s2, dt_s)
+                eskf.predict_inertial(*reading, dt_s)
             else:
                 self._predict_attitude_driven(eskf, self._t_us + step_us, dt_s)
             self._t_us += step_us
-        if isinstance(sample, InertialSample):
-            self._inertial = sample
         self.stage_seconds["inertial"] += self._clock_s() - started
 
     def _predict_attitude_driven(self, eskf: ErrorStateFilter, t_us: int, dt_s: float) -> None:
@@ -309,7 +341,11 @@ class Navigator:
         if eskf is None:
             return None
         started = self._clock_s()
-        image = sample.image if sample.image.ndim == 2 else sample.image.mean(axis=2).astype(np.uint8)
+        if self._video_clock is not None:
+            if not self._video_clock.settled:
+                return None
+            self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
+        image = _grey(sample.image)
         camera, camera_pos = self._camera_now(eskf)
         innovation = self._odometry.step(sample.t_us, image, eskf, camera, camera_pos, self._down_at)
         self._apply("odometry", innovation, gate_sigmas=5.0)
@@ -379,6 +415,10 @@ class Navigator:
             cov_camera_pose=T @ eskf.P @ T.T,
             last_fix_age_s=self._fix_age_s(t_us),
         )
+
+
+def _grey(image: Image) -> Image:
+    return image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -83,7 +83,7 @@ def replay_flight(
         waiting = run.navigator.waiting_for or "anything to work on"
         raise ReplayError(f"{folder.path}: no estimate: the estimator was still waiting for {waiting} at the end")
     evaluation = evaluate_against_truth(folder, run.states)
-    targets = locate_clicks(folder, setup, run.navigator_states, run.time_offset_us)
+    targets = locate_clicks(folder, setup, run.navigator_states, run.navigator.exposure_us(run.time_offset_us))
     elapsed_s = time.perf_counter() - started
     report = _report(folder, run, evaluation, elapsed_s)
     out.mkdir(parents=True, exist_ok=True)
@@ -142,9 +142,9 @@ class _Run:
 
     def __init__(self, folder: FlightFolder, setup: NavigationSetup, options: ReplayOptions) -> None:
         self.folder = folder
-        self.navigator: Navigator = whole_flight_navigator(setup, options.config)
         offset_s = options.time_offset_s
-        # an offset that the folder calls unknown is taken as none until it is estimated
+        unknown = offset_s is None and folder.time_offset_us is None
+        self.navigator: Navigator = whole_flight_navigator(setup, replace(options.config, find_video_offset=unknown))
         self.time_offset_us = (folder.time_offset_us or 0) if offset_s is None else round(offset_s * 1e6)
         self.states: list[NavigationState] = []
         self.navigator_states = self.navigator.state_at

@@ -29,7 +29,7 @@ class InitialGuess:
     attitude_std_rad: tuple[float, float, float] = (0.02, 0.02, 0.05)
     accelerometer_bias_std_m_s2: float = 0.15
     gyroscope_bias_std_rad_s: float = 0.005
-    boresight_std_rad: float = 0.006
+    boresight_std_rad: float = 0.01
     gimbal_error_std_rad: float = 0.02
     unknown_height_std_m: float = 30.0
 
