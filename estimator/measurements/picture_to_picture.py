@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.camera import Camera
-from estimator.geometry.rotation import matrix_from_q
+from estimator.geometry.rotation import matrix_from_q, q_from_matrix
+from estimator.history import rotation_between
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.visual_odometry import displacement
@@ -20,13 +21,18 @@ from estimator.types import Float, Image
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """``interval_s`` thins out fast video; ``frozen_difference`` is the mean grey change below which nothing moved."""
+    """When to use a picture and how far to trust its tracks.
+
+    ``interval_s`` thins out fast video; ``turn_relative_std`` is what clocks and scale factors leave of a turn between
+    two pictures, as a share of its angle; ``frozen_difference`` is the mean grey change below which nothing moved.
+    """
 
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     interval_s: float = 0.25
     max_gap_s: float = 2.5
     pixel_std_px: float = 0.5
     relative_std: float = 0.006
+    turn_relative_std: float = 0.01
     frozen_difference: float = 0.02
 
 
@@ -73,7 +79,13 @@ class VisualOdometry:
             both[:count] @ ned_from_first.T, both[count:] @ camera.ned_from_camera.T, clone.pos_ned_m,
             camera_pos_ned_m, down_at, self.config.pixel_std_px / self._camera.fx_px, self.config.relative_std,
         )  # fmt: skip
-        return None if residual is None else displacement(eskf, residual, camera)
+        if residual is None:
+            return None
+        innovation = displacement(eskf, residual, camera)
+        turn_rad = np.linalg.norm(rotation_between(clone.q_ned_from_camera, q_from_matrix(camera.ned_from_camera)))
+        height_m = float(down_at(camera_pos_ned_m[0:1], camera_pos_ned_m[1:2])[0]) - camera_pos_ned_m[2]
+        R = innovation.R + np.eye(2) * (self.config.turn_relative_std * turn_rad * height_m) ** 2
+        return replace(innovation, R=R)
 
     def _predicted_uv(
         self, corners_uv_px: Float, ned_from_first: Float, first_pos_ned_m: Float, camera: CameraAttitude,

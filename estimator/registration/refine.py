@@ -24,9 +24,11 @@ from estimator.types import Float
 
 @dataclass(frozen=True, slots=True)
 class RefineConfig:
-    """Windows and iterations; pixels are those of the template."""
+    """Windows and iterations; pixels are those of the template, and so many ``windows`` are aimed at."""
 
-    window_px: int = 32
+    windows: int = 30
+    min_window_px: int = 12
+    max_window_px: int = 32
     reach_px: int = 6
     min_cover: float = 0.5
     min_windows: int = 8
@@ -74,8 +76,9 @@ def cut_windows(
     ``search`` is the larger area; offset (0, 0) puts the template's first pixel on the area's. None where too few
     windows hold picture, or the offset leaves no room about it.
     """
-    size, reach = config.window_px, config.reach_px
     rows, cols = mask.shape
+    wanted_px = round(float(np.sqrt(mask.sum() / config.windows)))
+    size, reach = int(np.clip(wanted_px, config.min_window_px, config.max_window_px)), config.reach_px
     count_r, count_c = rows // size, cols // size
     if count_r * count_c < config.min_windows:
         return None
