@@ -192,18 +192,22 @@ class MapFixer:
         uncertain (along a road, over a bare field) they share as well, so it is spread over those that do.
         """
         variances, axes = np.linalg.eigh(cov_ne_m2)
-        by_state = np.minimum(variances, 2.0 * eskf.map_bias_std_m**2)
+        by_state = np.minimum(variances, eskf.map_bias_std_m**2 / (1.0 - self.config.white_share))
         spread = self.config.white_share * by_state + (variances - by_state) / weight
         noise: Float = axes @ np.diag(spread) @ axes.T
         return noise
 
     def _follow_map_bias(self, eskf: ErrorStateFilter, cov_ne_m2: Float) -> None:
-        """Let the map's local displacement be as large as its share of what pictures are uncertain by."""
+        """Let the map's local displacement be as large as its share of what pictures are uncertain by.
+
+        Where pictures become worse it grows at once, and shrinks slowly where they become better.
+        """
         config = self.config
         best_m2 = (1.0 - config.white_share) * float(np.linalg.eigvalsh(cov_ne_m2)[0])
         std_m = float(np.clip(np.sqrt(best_m2), config.min_map_bias_m, config.max_map_bias_m))
         keep = config.map_bias_memory
-        eskf.map_bias_std_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
+        smoothed_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
+        eskf.map_bias_std_m = max(smoothed_m, std_m)
 
     def _predicted_density(self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int) -> PointMassFilter:
         if self._density is None:
