@@ -80,7 +80,7 @@ class ProcessNoise:
     boresight_rad_rt_s: float = 1e-4
     attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
-    # trees and houses stand above a ground model for tens of metres; the model itself is off, or the land wooded, for longer
+    # trees and houses stand above a ground model for tens of metres; the model is off, or the land wooded, for longer
     ground_bias_std_m: tuple[float, float] = (2.5, 2.5)
     ground_bias_length_m: tuple[float, float] = (50.0, 1500.0)
     map_bias_length_m: float = 45.0
@@ -226,7 +226,8 @@ class ErrorStateFilter:
         distance_m = float(np.hypot(north, east)) * dt_s
         noise = self.noise
         forgotten = _Forgotten(
-            np.exp(-distance_m / np.array(noise.ground_bias_length_m)), float(np.exp(-distance_m / noise.map_bias_length_m))
+            ground=np.exp(-distance_m / np.array(noise.ground_bias_length_m)),
+            map=float(np.exp(-distance_m / noise.map_bias_length_m)),
         )
         for name, decay in (("ground_bias", forgotten.ground), ("map_bias", forgotten.map)):
             where = self.layout.slices.get(name)

@@ -127,9 +127,8 @@ class MapFixer:
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
         weight = self._weight(predicted_ne, match.footprint_m)
         prior = density.moments()
-        values, north_max, east_min = likelihood(
-            match.correlation, match.peak, self._registrar.config.calibration, 0.0, density.cell_m, 1.0 if fresh else weight
-        )
+        calibration, told = self._registrar.config.calibration, 1.0 if fresh else weight
+        values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
         self._density = density
@@ -158,7 +157,8 @@ class MapFixer:
             return self._update_by_density(match, eskf, camera, pose, T, weight, prior, posterior)
         J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
         information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
-        self._follow_map_bias(eskf, config.noise_inflation**2 * np.linalg.inv(information + np.eye(2) * 1e-6))
+        cov_ne_m2 = np.asarray(np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
+        self._follow_map_bias(eskf, config.noise_inflation**2 * cov_ne_m2)
         noise = terrain_fix.PoseNoise(
             config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation / np.sqrt(weight)
         )
@@ -180,7 +180,8 @@ class MapFixer:
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
         self._follow_map_bias(eskf, increment.cov_ne_m2)
         R = self._noise(eskf, increment.cov_ne_m2, weight)
-        if not _apply(eskf, Innovation(increment.position_ne_m - predicted_ne, H, R), self.config.max_innovation_sigmas):
+        innovation = Innovation(increment.position_ne_m - predicted_ne, H, R)
+        if not _apply(eskf, innovation, self.config.max_innovation_sigmas):
             return "does not agree with the estimate"
         self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
         return None

@@ -25,7 +25,8 @@ MIN_INFORMATION = 1e-9
 def apparent_pose(eskf: ErrorStateFilter, camera_pos_ned_m: Float) -> Float:
     """Camera position (3,) at which the map as it is would show the picture: displaced with it, above what is seen."""
     north, east = eskf.nominal.map_bias_ne_m
-    return camera_pos_ned_m + np.array([north, east, -eskf.nominal.ground_bias_m])
+    pos: Float = camera_pos_ned_m + np.array([north, east, -eskf.nominal.ground_bias_m])
+    return pos
 
 
 def apparent_pose_jacobian(eskf: ErrorStateFilter, camera: CameraAttitude) -> Float:

@@ -93,8 +93,8 @@ def displacement_residual(
     displacement = float(np.hypot(*(pos_second_ned_m - pos_first_ned_m)[:2]))
     # neighbouring tracks share the error of the relief below them: a third of them counts
     cov = scatter / max(count / 3.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
-    # The derivatives are taken where the second rays are predicted, not where they were measured: a noise that stands in
-    # both residual and Jacobian would drag height and ground, a little with every picture, to one side.
+    # The derivatives are taken where the second rays are predicted, not where they were measured: a noise that stands
+    # in both residual and Jacobian would drag height and ground, a little with every picture, to one side.
     expected = (point_first - pos_second_ned_m[:2]) / height_second[:, None]
     by_first = ground_point_by_pose(slope_first[inlier], height_first[inlier]).mean(axis=0)
     by_second = -ground_point_by_pose(expected[inlier], height_second[inlier]).mean(axis=0)

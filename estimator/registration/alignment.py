@@ -167,9 +167,8 @@ class Registrar:
         rows_cols = np.array([[-1.0 / step, 0.0], [0.0, 1.0 / step]])
         flat = J.reshape(-1, 6)
         gain = prior_cov @ flat.T @ np.linalg.inv(flat @ prior_cov @ flat.T + np.eye(len(flat)) * (2.0 * step) ** 2)
-        return refine(
-            windows, rows_cols @ J, moved @ rows_cols.T, gain @ moved.reshape(-1), np.linalg.inv(prior_cov), config
-        )
+        start, prior_information = gain @ moved.reshape(-1), np.asarray(np.linalg.inv(prior_cov), dtype=np.float64)
+        return refine(windows, rows_cols @ J, moved @ rows_cols.T, start, prior_information, config)
 
     def _best(
         self, attempt: Callable[[float, float], _Attempt | None], headings_rad: Float, scales: Float, patch: _Patch,

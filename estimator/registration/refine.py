@@ -91,9 +91,10 @@ def cut_windows(
             if mask[r : r + size, c : c + size].mean() < config.min_cover:
                 continue
             top, left = r + row - reach, c + col - reach
-            if top < 0 or left < 0 or top + size + 2 * reach > search.shape[1] or left + size + 2 * reach > search.shape[2]:
+            bottom, right = top + size + 2 * reach, left + size + 2 * reach
+            if top < 0 or left < 0 or bottom > search.shape[1] or right > search.shape[2]:
                 continue
-            around = search[:, top : top + size + 2 * reach, left : left + size + 2 * reach]
+            around = search[:, top:bottom, left:right]
             window = masked[:, r : r + size, c : c + size]
             surface = sum(
                 cv2.matchTemplate(np.ascontiguousarray(a), np.ascontiguousarray(w), cv2.TM_CCORR)
@@ -161,9 +162,7 @@ def refine(
 
 def _fields(surface: NDArray[np.float32]) -> NDArray[np.float32]:
     """Value, slopes and curvatures (6, k, n, n) of surfaces by central differences, after a light smoothing."""
-    k, n, _ = surface.shape
-    flat = surface.transpose(1, 2, 0)
-    smooth = np.stack([cv2.GaussianBlur(np.ascontiguousarray(flat[..., i]), (0, 0), 0.8) for i in range(k)])
+    smooth = np.stack([cv2.GaussianBlur(one, (0, 0), 0.8) for one in surface])
     d_r = np.gradient(smooth, axis=1)
     d_c = np.gradient(smooth, axis=2)
     fields = (smooth, d_r, d_c, np.gradient(d_r, axis=1), np.gradient(d_c, axis=2), np.gradient(d_r, axis=2))
@@ -171,7 +170,7 @@ def _fields(surface: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _slopes(fields: NDArray[np.float32], at_px: Float, reach: int) -> tuple[Float, Float]:
-    """Gradient (k, 2) and negative curvature (k, 2, 2), made non-negative, at places relative to the middle."""
+    """Gradient (k, 2) and negative curvature (k, 2, 2) at places relative to the middle."""
     k = fields.shape[1]
     where = np.clip(at_px + reach, 0.0, 2.0 * reach - 1e-3)
     low = where.astype(int)
