@@ -3,7 +3,6 @@ import pytest
 
 from estimator.filters.initialise import InitialGuess
 from estimator.geometry.camera import Camera, Mount
-from estimator.geometry.ground import intersect_plane
 from estimator.geometry.local import LocalFrame
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import (
@@ -15,7 +14,7 @@ from estimator.types import (
     InertialSample,
     Mode,
 )
-from tests.estimator.registration.test_alignment import MAP, NADIR_TOP_NORTH, TexturedMap
+from tests.estimator.registration.textured_map import MAP, NADIR_TOP_NORTH, FlatGround, TexturedMap, seen_by
 
 FRAME = LocalFrame(np.deg2rad(47.0), np.deg2rad(8.0), 250.0)
 CAMERA = Camera.from_hfov(240, 180, np.deg2rad(60.0))
@@ -26,21 +25,13 @@ SPEED = 8.0
 START = np.array([-70.0, 10.0, -110.0])
 
 
-class FlatGround:
-    def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
-        return np.full(np.shape(north_m), 250.0)
-
-
 def _truth(t_s: float) -> np.ndarray:
     """Level flight due north."""
     return START + np.array([SPEED * t_s, 0.0, 0.0])
 
 
 def _picture(pos_ned_m: np.ndarray) -> np.ndarray:
-    uv = np.stack(np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px)), axis=-1).astype(np.float64)
-    points = intersect_plane(pos_ned_m, (CAMERA.rays(uv) @ NADIR_TOP_NORTH.T).reshape(-1, 3), 0.0)
-    north, east = (points[:, i].reshape(CAMERA.height_px, CAMERA.width_px) for i in (0, 1))
-    return MAP.at(north, east)
+    return seen_by(pos_ned_m, NADIR_TOP_NORTH, camera=CAMERA)
 
 
 def _t_us(t_s: float) -> int:

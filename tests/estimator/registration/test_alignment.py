@@ -1,76 +1,22 @@
-from dataclasses import dataclass
-
-import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.geometry.camera import Camera
-from estimator.geometry.ground import intersect_plane
 from estimator.geometry.rotation import matrix_from_euler, matrix_from_q, q_from_rotvec
 from estimator.registration.alignment import CameraPose, Match, MatcherConfig, NoMatch, Registrar
+from tests.estimator.registration.textured_map import (
+    CAMERA,
+    MAP,
+    NADIR_TOP_NORTH,
+    ORIGIN_ALT_M,
+    FlatGround,
+    seen_by,
+)
 
-ORIGIN_ALT_M = 250.0
-CAMERA = Camera(480, 360, 400.0, 402.0, 236.0, 183.0, (-0.18, 0.06, 0.001, -0.0008, -0.008))
-NADIR_TOP_NORTH = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 TRUE_POS = np.array([14.0, -22.0, -110.0])
 HEADINGS = np.deg2rad(np.array([-6.0, -4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5, 6.0]))
 SCALES = np.array([-0.06, -0.04, -0.02, 0.0, 0.02, 0.04, 0.06])
 NO_SCALES = np.zeros(1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Window:
-    image: np.ndarray
-    valid: np.ndarray
-    north_max_m: float
-    east_min_m: float
-    gsd_m: float
-
-
-class TexturedMap:
-    """A square of 400 m about the origin, metre pixels: blocks and lines, known analytically at any point."""
-
-    gsd_m = 1.0
-
-    def __init__(self, seed: int = 5) -> None:
-        rng = np.random.default_rng(seed)
-        self._fine = np.full((1601, 1601), 110, dtype=np.uint8)  # quarter metres
-        for _ in range(900):
-            centre = tuple(int(v) for v in rng.integers(0, 1601, size=2))
-            box = cv2.boxPoints((centre, tuple(rng.uniform(20.0, 130.0, size=2)), float(rng.uniform(0.0, 90.0))))
-            cv2.fillConvexPoly(self._fine, box.astype(np.int32), int(rng.integers(30, 225)))
-        self._fine = cv2.GaussianBlur(self._fine, (0, 0), 2.0)
-        coarse = cv2.GaussianBlur(self._fine, (0, 0), 1.6)
-        self.image = coarse[::4, ::4]
-
-    def at(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
-        col, row = (east_m + 200.0) * 4.0, (200.0 - north_m) * 4.0
-        return cv2.remap(self._fine, col.astype(np.float32), row.astype(np.float32), cv2.INTER_LINEAR)
-
-    def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> Window:
-        north = np.arange(np.ceil(north_max_m), np.floor(north_min_m) - 1.0, -1.0)
-        east = np.arange(np.floor(east_min_m), np.ceil(east_max_m) + 1.0)
-        rows, cols = (200.0 - north).astype(int), (east + 200.0).astype(int)
-        valid = ((rows >= 0) & (rows <= 400))[:, None] & ((cols >= 0) & (cols <= 400))[None]
-        image = self.image[np.clip(rows, 0, 400)[:, None], np.clip(cols, 0, 400)[None]]
-        return Window(np.where(valid, image, 0).astype(np.uint8), valid, float(north[0]), float(east[0]), 1.0)
-
-
-class FlatGround:
-    def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
-        return np.full(np.shape(north_m), ORIGIN_ALT_M)
-
-
-MAP = TexturedMap()
-
-
-def _picture(pos_ned_m: np.ndarray, ned_from_camera: np.ndarray) -> np.ndarray:
-    """What the camera sees, ray by ray through its distortion: no code of the registration takes part."""
-    uv = np.stack(np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px)), axis=-1).astype(np.float64)
-    points = intersect_plane(pos_ned_m, (CAMERA.rays(uv) @ ned_from_camera.T).reshape(-1, 3), 0.0)
-    north, east = (points[:, i].reshape(CAMERA.height_px, CAMERA.width_px) for i in (0, 1))
-    return MAP.at(north, east)
 
 
 def _yaw(angle_rad: float) -> np.ndarray:
@@ -91,7 +37,7 @@ def _register(
 
 @pytest.mark.parametrize("error_ne_m", [(0.0, 0.0), (9.0, 0.0), (0.0, -13.0), (-8.4, 11.3)])
 def test_displacement_is_true_minus_predicted(error_ne_m: tuple[float, float]) -> None:
-    picture = _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
     predicted = TRUE_POS + np.array([*error_ne_m, 0.0])
 
     match = _register(picture, CameraPose(predicted, NADIR_TOP_NORTH))
@@ -107,7 +53,7 @@ def test_displacement_is_true_minus_predicted(error_ne_m: tuple[float, float]) -
 @pytest.mark.parametrize("yaw_rad", [0.7, -2.4])
 def test_tilted_and_turned_cameras_are_rectified(tilt_rad: tuple[float, float], yaw_rad: float) -> None:
     ned_from_camera = matrix_from_euler(tilt_rad[0], tilt_rad[1], yaw_rad) @ NADIR_TOP_NORTH
-    picture = _picture(TRUE_POS, ned_from_camera)
+    picture = seen_by(TRUE_POS, ned_from_camera)
     predicted = TRUE_POS + np.array([6.0, -7.0, 0.0])
 
     match = _register(picture, CameraPose(predicted, ned_from_camera))
@@ -118,7 +64,7 @@ def test_tilted_and_turned_cameras_are_rectified(tilt_rad: tuple[float, float], 
 @pytest.mark.parametrize("error_deg", [-4.0, -1.5, 2.2, 5.0])
 def test_heading_correction_turns_the_prediction_onto_the_truth(error_deg: float) -> None:
     """R_true = Exp(correction about down) R_predicted: the correction is minus the prediction's error."""
-    picture = _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
     predicted = CameraPose(TRUE_POS + np.array([5.0, 4.0, 0.0]), _yaw(np.deg2rad(error_deg)) @ NADIR_TOP_NORTH)
 
     match = _register(picture, predicted)
@@ -133,7 +79,7 @@ def test_heading_correction_turns_the_prediction_onto_the_truth(error_deg: float
 
 @pytest.mark.parametrize("height_ratio", [0.965, 1.03])
 def test_scale_is_true_height_over_predicted_less_one(height_ratio: float) -> None:
-    picture = _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
     predicted = CameraPose(TRUE_POS * np.array([1.0, 1.0, 1.0 / height_ratio]), NADIR_TOP_NORTH)
 
     match = _register(picture, predicted, scales=SCALES)
@@ -147,7 +93,7 @@ def test_hypotheses_beyond_those_tried_are_not_invented() -> None:
     Fault: the heading is wrong by six degrees, only one and a half are tried.
     Expected: the correction stays at the outermost hypothesis with a deviation of at least a step.
     """
-    picture = _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
     predicted = CameraPose(TRUE_POS, _yaw(np.deg2rad(6.0)) @ NADIR_TOP_NORTH)
     headings = np.deg2rad([-1.5, 0.0, 1.5])
 
@@ -159,7 +105,7 @@ def test_hypotheses_beyond_those_tried_are_not_invented() -> None:
 
 def test_inverted_contrast_changes_nothing() -> None:
     """Snow on dark fields: gradients point the other way, the double-angle channels do not mind."""
-    picture = 255 - _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = 255 - seen_by(TRUE_POS, NADIR_TOP_NORTH)
 
     match = _register(picture, CameraPose(TRUE_POS + np.array([7.0, 3.0, 0.0]), NADIR_TOP_NORTH))
 
@@ -168,7 +114,7 @@ def test_inverted_contrast_changes_nothing() -> None:
 
 def test_wrong_place_is_called_an_outlier() -> None:
     """The truth lies outside the search: whatever peak there is must not be believed."""
-    picture = _picture(TRUE_POS + np.array([90.0, 60.0, 0.0]), NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS + np.array([90.0, 60.0, 0.0]), NADIR_TOP_NORTH)
 
     match = _register(picture, CameraPose(TRUE_POS, NADIR_TOP_NORTH), radius_m=20.0)
 
@@ -191,7 +137,7 @@ def test_ground_height_enters_through_the_terrain_model() -> None:
         def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
             return np.full(np.shape(north_m), ORIGIN_ALT_M - 20.0)
 
-    picture = _picture(TRUE_POS, NADIR_TOP_NORTH)
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
     registrar = Registrar(CAMERA, MAP, LowGround(), ORIGIN_ALT_M)
     pose = CameraPose(TRUE_POS + np.array([4.0, 0.0, 20.0]), NADIR_TOP_NORTH)
 
