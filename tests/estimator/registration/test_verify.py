@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,10 +69,53 @@ def test_unknown_parts_are_passed_over() -> None:
 
 
 def test_probability_falls_with_every_sign_of_quality() -> None:
-    base = Peak(5.0, 5.0, 0.4, 5.0, 0.8, False)
-    better = [
-        Peak(5.0, 5.0, 0.6, 5.0, 0.8, False), Peak(5.0, 5.0, 0.4, 8.0, 0.8, False), Peak(5.0, 5.0, 0.4, 5.0, 0.5, False)
-    ]  # fmt: skip
+    base = Peak(row=5.0, col=5.0, value=0.4, psr=5.0, second_ratio=0.8, at_edge=False, clutter_std=0.05)
+    better = [replace(base, value=0.6), replace(base, psr=8.0), replace(base, second_ratio=0.5)]
 
     for peak in better:
         assert outlier_probability(peak, WEIGHTS) < outlier_probability(base, WEIGHTS)
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.06])
+def test_clutter_is_the_scatter_away_from_the_peak(noise: float) -> None:
+    """The peak of 0.7 itself would raise it to 0.08; the ratio is the height over the rest's mean in its deviations."""
+    surface = _surface(20.0, 25.0, noise=noise)
+
+    peak = find_peak(surface)
+
+    assert peak is not None
+    # 2000 samples: their deviation is known to 1.6 %; the bump's flank outside the excluded square adds some
+    assert peak.clutter_std == pytest.approx(noise, rel=0.1)
+    away = np.ones(surface.shape, dtype=np.bool_)
+    away[15:26, 20:31] = False
+    assert peak.psr == pytest.approx((peak.value - surface[away].mean()) / surface[away].std(), rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [0.5, 3.0])
+def test_ratio_to_the_clutter_does_not_depend_on_the_scale(factor: float) -> None:
+    plain, scaled = find_peak(_surface(20.0, 25.0)), find_peak(factor * _surface(20.0, 25.0))
+
+    assert plain is not None
+    assert scaled is not None
+    assert scaled.psr == pytest.approx(plain.psr, rel=1e-9)
+    assert scaled.clutter_std == pytest.approx(factor * plain.clutter_std, rel=1e-9)
+
+
+def test_surface_of_the_peak_alone_has_no_clutter_to_compare_with() -> None:
+    """All lies within the excluded square: nothing speaks for the peak, and nothing is divided by zero."""
+    peak = find_peak(_surface(4.0, 4.0)[:10, :10])
+
+    assert peak is not None
+    assert peak.psr == 0.0
+    assert peak.clutter_std > 0.0
+
+
+def test_flat_surroundings_leave_a_finite_ratio() -> None:
+    surface = np.zeros((41, 51))
+    surface[20, 25] = 0.7
+
+    peak = find_peak(surface)
+
+    assert peak is not None
+    assert np.isfinite(peak.psr)
+    assert peak.clutter_std > 0.0
