@@ -266,8 +266,8 @@ class ErrorStateFilter:
     def _inject(self, dx: Float) -> None:
         """Move the error into the nominal state.
 
-        The reset Jacobian of the attitude error, I - [dtheta]x / 2 (Sola 2017, equation 285), differs from one by less
-        than a thousandth for the corrections that pass the gates; it is applied only where it matters.
+        The reset Jacobian of an attitude error about the outer axes, I + [dtheta]x / 2 (Sola 2017, section 7.4; about
+        the body's axes the sign is minus), is applied only where it differs from one by more than a two-hundredth.
         """
         part = self.layout.slices
         nominal = self.nominal
