@@ -58,6 +58,15 @@ class TexturedMap(PaintedMap):
         super().__init__(fine)
 
 
+def straight_road(bearing_rad: float, through_ne_m: tuple[float, float]) -> PaintedMap:
+    """Level fields with nothing on them but one road, seven metres wide."""
+    fine = np.full((1601, 1601), 90, dtype=np.uint8)
+    north, east = 1500.0 * np.cos(bearing_rad), 1500.0 * np.sin(bearing_rad)
+    col, row = (through_ne_m[1] + 200.0) * 4.0, (200.0 - through_ne_m[0]) * 4.0
+    cv2.line(fine, (round(col - east), round(row + north)), (round(col + east), round(row - north)), 200, 28)
+    return PaintedMap(fine)
+
+
 class FlatGround:
     def alt_amsl_m(self, north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
         return np.full(np.shape(north_m), ORIGIN_ALT_M)
