@@ -164,7 +164,7 @@ def test_windows_of_a_straight_road_do_not_agree_along_it(bearing_deg: float) ->
 
     _, refinement = _registered(picture, _displaced(np.array([1.5, -1.0, 0.0, 0.0, 0.0, 0.0])), road)
 
-    # a place within two pixels of thirteen by thirteen holds a thirteenth of the windows by chance, and some of them climb
+    # a circle of two pixels in a square of thirteen holds a thirteenth by chance, and the search climbs to more
     assert refinement is None or refinement.agreement <= 1.0 / 3.0
 
 
