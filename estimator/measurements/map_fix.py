@@ -125,9 +125,11 @@ class MapFixer:
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
         fresh = self._density is None
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
-        weight = self._weight(predicted_ne, match.footprint_m)
+        weight = self._weight(predicted_ne, self._last_accepted_ne_m, match.footprint_m)
         prior = density.moments()
-        calibration, told = self._registrar.config.calibration, 1.0 if fresh else weight
+        # a refused picture stays in the density: the next from the same place tells it nothing new
+        told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, match.footprint_m)
+        calibration = self._registrar.config.calibration
         values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
@@ -220,11 +222,11 @@ class MapFixer:
         self._density.predict(moved, cov)
         return self._density
 
-    def _weight(self, predicted_ne_m: Float, footprint_m: float) -> float:
+    def _weight(self, predicted_ne_m: Float, last_ne_m: Float, footprint_m: float) -> float:
         """Share that a fix counts, given how near the last one was: w = (1 - r) / (1 + r), r = exp(-d / L)."""
-        if not np.isfinite(self._last_accepted_ne_m).all():
+        if not np.isfinite(last_ne_m).all():
             return 1.0
-        distance = float(np.hypot(*(predicted_ne_m - self._last_accepted_ne_m)))
+        distance = float(np.hypot(*(predicted_ne_m - last_ne_m)))
         correlation = np.exp(-distance / max(self.config.correlation_share * footprint_m, 1.0))
         return max(float((1.0 - correlation) / (1.0 + correlation)), self.config.min_weight)
 

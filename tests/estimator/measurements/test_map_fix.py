@@ -1,0 +1,270 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from estimator.filters.eskf import ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.strapdown import EarthModel, Motion
+from estimator.geometry.camera import Mount
+from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q
+from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
+from estimator.measurements.map_fix import MapFixer
+from estimator.registration.alignment import Registrar
+from estimator.types import FixReport, FrameSample
+from tests.estimator.registration.textured_map import (
+    CAMERA,
+    MAP,
+    ORIGIN_ALT_M,
+    FlatGround,
+    PaintedMap,
+    TexturedMap,
+    seen_by,
+    straight_road,
+)
+
+GROUPS = ("position", "velocity", "attitude", "boresight", "ground_bias", "map_bias")
+LAYOUT = Layout.of(GROUPS)
+LEVEL = np.array([1.0, 0.0, 0.0, 0.0])
+MODEL = CameraAttitudeModel(Mount(0.0, -np.pi / 2, 0.0, np.zeros(3)), Gimbal.FIXED)
+TRUE_POS = np.array([14.0, -22.0, -110.0])
+STD = {
+    "position": (6.0, 6.0, 3.0), "velocity": (0.1, 0.1, 0.1), "attitude": (0.01, 0.01, 0.02), "boresight": 1e-3,
+    "ground_bias": (0.5, 0.5), "map_bias": 0.5,
+}  # fmt: skip
+
+
+def _fixer(scene: PaintedMap = MAP) -> MapFixer:
+    return MapFixer(Registrar(CAMERA, scene, FlatGround(), ORIGIN_ALT_M), clock_s=lambda: 0.0)
+
+
+def _filter(error: np.ndarray, true_pos: np.ndarray = TRUE_POS, std: dict = STD) -> ErrorStateFilter:
+    """A filter whose position NED and attitude are wrong by an error (6,), true minus estimated."""
+    zero = np.zeros(3)
+    q = q_multiply(q_from_rotvec(-error[3:]), LEVEL)
+    nominal = Nominal(Motion(true_pos - error[:3], zero, q), zero, zero, 0.0, zero, zero)
+    sigma = np.zeros(LAYOUT.size)
+    for name, value in std.items():
+        sigma[LAYOUT.slices[name]] = value
+    eskf = ErrorStateFilter(nominal, np.diag(sigma**2), LAYOUT, EarthModel.at(0.8, 300.0), ProcessNoise())
+    eskf.map_bias_std_m = 0.5
+    return eskf
+
+
+def _noisy(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Another gamma and gain, and noise of eight grey values."""
+    grey = 220.0 * (picture / 255.0) ** rng.uniform(0.6, 1.6) + rng.normal(0.0, 8.0, size=picture.shape)
+    return np.clip(grey, 0.0, 255.0).astype(np.uint8)
+
+
+def _picture(rng: np.random.Generator, scene: PaintedMap = MAP, true_pos: np.ndarray = TRUE_POS) -> np.ndarray:
+    return _noisy(seen_by(true_pos, MODEL.at(0, LEVEL, np.zeros(3)).ned_from_camera, scene), rng)
+
+
+def _attempt(fixer: MapFixer, eskf: ErrorStateFilter, picture: np.ndarray, t_s: float = 0.0) -> FixReport:
+    camera = MODEL.at(0, eskf.nominal.motion.q_ned_from_body, eskf.nominal.boresight_rad)
+    frame = FrameSample(round(t_s * 1e6), round(10.0 * t_s), picture)
+    return fixer.attempt(frame, eskf, camera, eskf.nominal.motion.pos_ned_m, eskf.nominal.ground_bias_m)
+
+
+def _horizontal_m(eskf: ErrorStateFilter, true_pos: np.ndarray = TRUE_POS) -> float:
+    return float(np.hypot(*(true_pos - eskf.nominal.motion.pos_ned_m)[:2]))
+
+
+def _std_m(eskf: ErrorStateFilter) -> np.ndarray:
+    return np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2]))
+
+
+def _error(rng: np.random.Generator) -> np.ndarray:
+    return rng.normal(0.0, np.concatenate((STD["position"], STD["attitude"])))
+
+
+def test_fix_reduces_the_error_and_says_by_how_much() -> None:
+    """
+    Errors drawn from the filter's own prior, at sixteen poses; three pictures, because one that disagrees with a sure
+    prior by three sigmas is rightly not believed at once.
+    """
+    squares, before, after = [], [], []
+    for seed in range(16):
+        rng = np.random.default_rng(seed)
+        pos = np.array([*rng.uniform(-70.0, 70.0, size=2), rng.uniform(-130.0, -90.0)])
+        eskf = _filter(_error(rng), pos)
+        before.append(_horizontal_m(eskf, pos))
+
+        fixer = _fixer()
+        reports = [_attempt(fixer, eskf, _picture(rng, true_pos=pos), 0.4 * k) for k in range(3)]
+
+        report = reports[-1]
+        assert report.accepted, report.reason
+        after.append(_horizontal_m(eskf, pos))
+        left = (pos - eskf.nominal.motion.pos_ned_m)[:2]
+        squares.append(left @ np.linalg.solve(eskf.cov("position")[:2, :2], left))
+        # the prior's six metres; tilt of 0.6 degrees at 110 m is left to the position, and some of it is resolved
+        assert _std_m(eskf)[-1] < 3.0
+        assert report.kind == "registration"
+        assert report.outlier_probability < 0.5
+        assert_allclose([report.north_m, report.east_m], pos[:2], atol=6.0)
+
+    assert np.sqrt(np.mean(np.square(after))) < 0.3 * np.sqrt(np.mean(np.square(before)))
+    # two degrees of freedom: the mean over 16 of a consistent filter is below 3.5 in 99 of 100
+    assert np.mean(squares) < 3.5
+    assert np.max(squares) < 13.8
+
+
+def test_fix_finds_heading_and_height_too() -> None:
+    """Two degrees of heading and five metres of height, from one picture."""
+    eskf = _filter(np.array([2.0, -3.0, 5.0, 0.0, 0.0, 0.035]))
+    rng = np.random.default_rng(4)
+
+    report = _attempt(_fixer(), eskf, _picture(rng))
+
+    assert report.accepted
+    turn = rotvec_from_q(q_multiply(LEVEL, q_conjugate(eskf.nominal.motion.q_ned_from_body)))
+    assert abs(turn[2]) < 0.012
+    above_seen_m = -eskf.nominal.motion.pos_ned_m[2] + eskf.nominal.ground_bias_m
+    assert above_seen_m == pytest.approx(110.0, abs=2.0)
+
+
+def test_refused_picture_does_not_count_twice() -> None:
+    """
+    Fault: a weak picture of a hovering aircraft, refused as ambiguous, comes again and again.
+    Expected: as ambiguous as the first time; what the first said stays in the density, and the rest say the same.
+    """
+    picture = _picture(np.random.default_rng(11))
+    eskf, fixer = _filter(np.zeros(6)), _fixer(TexturedMap(11))
+
+    first, *others = [_attempt(fixer, eskf, picture, 0.4 * k) for k in range(8)]
+
+    assert "ambiguous" in first.reason
+    assert not any(report.accepted for report in others)
+    spread = [np.sqrt(np.linalg.eigvalsh(report.cov_ne_m2)) for report in (first, others[-1])]
+    # seven more at three hundredths of their word each
+    assert (spread[1] > 0.8 * spread[0]).all()
+
+
+def test_sure_and_right_estimate_is_not_moved_by_more_than_its_sigma() -> None:
+    std = {**STD, "position": (0.3, 0.3, 0.3), "attitude": (0.001, 0.001, 0.001)}
+    eskf = _filter(np.zeros(6), std=std)
+
+    report = _attempt(_fixer(), eskf, _picture(np.random.default_rng(5)))
+
+    assert report.accepted
+    assert _horizontal_m(eskf) < 0.3
+    assert np.diag(eskf.cov("position")).max() <= 0.3**2 + 1e-9
+
+
+def test_hovering_gives_no_false_certainty() -> None:
+    """
+    Fifty pictures of one place: what the imagery is displaced by there is the same in all of them.
+
+    Neither their number nor their noise makes the position surer than the map, and what is wrong stays within sigma.
+    """
+    eskf, fixer, rng = _filter(np.array([3.0, -4.0, 1.0, 0.004, -0.003, 0.01])), _fixer(), np.random.default_rng(6)
+    picture = seen_by(TRUE_POS, MODEL.at(0, LEVEL, np.zeros(3)).ned_from_camera)
+    accepted = 0
+    for k in range(50):
+        accepted += _attempt(fixer, eskf, _noisy(picture, rng), 0.4 * k).accepted
+        eskf.predict_attitude_driven(eskf.nominal.motion.q_ned_from_body, np.zeros(3), 60.0, 1e-6)
+
+    assert accepted >= 45
+    # the prior of the map bias is 0.5 m, and six metres of position cannot tell it: 6 x 0.5 / hypot(6, 0.5)
+    assert (_std_m(eskf) > 0.45).all()
+    left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+    assert left @ np.linalg.solve(eskf.cov("position")[:2, :2], left) < 9.2
+
+
+def test_displaced_map_stays_within_the_map_bias() -> None:
+    """
+    Fault: the imagery shows everything 0.7 m too far north; hovering, nothing can tell.
+    Expected: the position follows the map and its sigma covers that.
+    """
+    eskf, fixer, rng = _filter(np.array([-2.0, 2.0, 0.0, 0.0, 0.0, 0.0])), _fixer(), np.random.default_rng(7)
+    # as if the camera stood 0.7 m further north
+    picture = seen_by(TRUE_POS + np.array([0.7, 0.0, 0.0]), MODEL.at(0, LEVEL, np.zeros(3)).ned_from_camera)
+
+    for k in range(30):
+        _attempt(fixer, eskf, _noisy(picture, rng), 0.4 * k)
+
+    left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+    assert left @ np.linalg.solve(eskf.cov("position")[:2, :2], left) < 9.2
+
+
+def test_bare_road_tells_the_position_across_it_only() -> None:
+    """Off by 4 m each way. What is along the road may stay wrong, but must not be called known."""
+    bearing = np.deg2rad(30.0)
+    along, across = np.array([np.cos(bearing), np.sin(bearing)]), np.array([-np.sin(bearing), np.cos(bearing)])
+    road, rng = straight_road(bearing, (14.0, -22.0)), np.random.default_rng(8)
+    std = {**STD, "attitude": (0.002, 0.002, 0.002), "position": (6.0, 6.0, 0.5)}
+    eskf = _filter(np.array([*(4.0 * along + 4.0 * across), 0.0, 0.0, 0.0, 0.0]), std=std)
+    fixer = _fixer(road)
+    for k in range(5):
+        _attempt(fixer, eskf, _picture(rng, road), 0.4 * k)
+
+    cov, left = eskf.cov("position")[:2, :2], (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+    assert abs(left @ across) < 2.0
+    assert np.sqrt(along @ cov @ along) > 1.5 * np.sqrt(across @ cov @ across)
+    assert np.sqrt(along @ cov @ along) > 4.0
+    assert abs(left @ along) < 3.0 * np.sqrt(along @ cov @ along)
+
+
+def test_off_the_map_is_refused_and_counted() -> None:
+    far = np.array([5000.0, 0.0, -110.0])
+    eskf, fixer = _filter(np.zeros(6), far), _fixer()
+    before, P = eskf.nominal, eskf.P.copy()
+
+    reports = [_attempt(fixer, eskf, _picture(np.random.default_rng(9)), 0.4 * k) for k in range(3)]
+
+    assert not any(report.accepted for report in reports)
+    assert "outside the reference map" in reports[0].reason
+    assert fixer.rejected_in_row == 3
+    assert eskf.nominal is before
+    assert_allclose(eskf.P, P)
+    assert np.isnan(reports[0].north_m)
+
+
+@pytest.mark.parametrize(
+    ("down_m", "ground_bias_m", "reason"),
+    [(-1.0, 0.0, "too close to the ground"), (3.0, 0.0, "too close to the ground"), (-110.0, np.nan, "unknown")],
+)
+def test_ground_too_close_or_unknown_is_refused(down_m: float, ground_bias_m: float, reason: str) -> None:
+    eskf, fixer = _filter(np.zeros(6), np.array([14.0, -22.0, down_m])), _fixer()
+    camera = MODEL.at(0, LEVEL, np.zeros(3))
+    frame = FrameSample(0, 1, _picture(np.random.default_rng(10)))
+
+    report = fixer.attempt(frame, eskf, camera, eskf.nominal.motion.pos_ned_m, ground_bias_m)
+
+    assert not report.accepted
+    assert reason in report.reason
+    assert fixer.rejected_in_row == 1
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13, 14])
+def test_wrong_map_does_not_make_sure(seed: int) -> None:
+    """
+    Fault: the imagery is of another place altogether; ten pictures in a row.
+    Expected: refused, or so weak that neither the position nor its sigma says what the pictures cannot know.
+    """
+    eskf, fixer, rng = _filter(np.zeros(6)), _fixer(TexturedMap(seed)), np.random.default_rng(seed)
+    for k in range(10):
+        _attempt(fixer, eskf, _picture(rng), 0.4 * k)
+
+    left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+    assert left @ np.linalg.solve(eskf.cov("position")[:2, :2], left) < 13.8
+    assert _std_m(eskf)[0] > 1.5
+
+
+def test_tilted_camera_is_fixed_at_the_ground_it_sees() -> None:
+    """Twenty degrees of bank: the picture lies 40 m aside, the position below the aircraft is what must come right."""
+    bank = q_from_rotvec(np.array([0.35, 0.0, 0.0]))
+    eskf = _filter(np.array([3.0, -4.0, 0.0, 0.0, 0.0, 0.0]))
+    motion = eskf.nominal.motion
+    eskf.nominal = Nominal(
+        Motion(motion.pos_ned_m, motion.vel_ned_m_s, bank), np.zeros(3), np.zeros(3), 0.0, np.zeros(3), np.zeros(3)
+    )  # fmt: skip
+    camera = MODEL.at(0, bank, np.zeros(3)).ned_from_camera
+    assert (matrix_from_q(bank) @ np.array([0.0, 0.0, 1.0]))[1] < -0.3
+
+    report = _attempt(_fixer(), eskf, _noisy(seen_by(TRUE_POS, camera), np.random.default_rng(16)))
+
+    assert report.accepted
+    assert _horizontal_m(eskf) < 2.0
+    left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+    assert left @ np.linalg.solve(eskf.cov("position")[:2, :2], left) < 9.2
