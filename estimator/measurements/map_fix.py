@@ -23,6 +23,8 @@ from estimator.registration.refine import Refinement
 from estimator.types import FixReport, Float, FrameSample
 
 UNKNOWN_NE = np.full(2, np.nan)
+MIN_GAIN = 0.02
+"""Information, as a share of what was known before, below which a picture of nothing (fog, a cap) is no fix."""
 UNKNOWN_COV = np.full((2, 2), np.nan)
 
 
@@ -176,8 +178,8 @@ class MapFixer:
         prior: Moments, posterior: Moments,
     ) -> str | None:  # fmt: skip
         increment = information_increment(prior, posterior)
-        if increment is None:
-            return None
+        if increment is None or np.trace(np.linalg.solve(increment.cov_ne_m2, prior.cov_ne_m2)) < MIN_GAIN:
+            return "the picture says nothing of the position"
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
         self._follow_map_bias(eskf, increment.cov_ne_m2)

@@ -251,6 +251,23 @@ def test_wrong_map_does_not_make_sure(seed: int) -> None:
     assert _std_m(eskf)[0] > 1.5
 
 
+def test_accepted_fix_ends_a_row_of_refusals() -> None:
+    eskf, fixer, rng = _filter(np.array([2.0, 1.0, 0.0, 0.0, 0.0, 0.0])), _fixer(), np.random.default_rng(15)
+    blank = np.full((CAMERA.height_px, CAMERA.width_px), 128, dtype=np.uint8)
+    before = eskf.nominal
+    for k in range(2):
+        assert "says nothing" in _attempt(fixer, eskf, blank, 0.4 * k).reason
+    assert eskf.nominal is before
+    assert fixer.rejected_in_row == 2
+
+    reports = [_attempt(fixer, eskf, _picture(rng), 1.0 + 0.4 * k) for k in range(4)]
+
+    assert reports[-1].accepted
+    assert fixer.rejected_in_row == 0
+    assert fixer.lost_probability < 0.1
+    assert _horizontal_m(eskf) < 2.0
+
+
 def test_tilted_camera_is_fixed_at_the_ground_it_sees() -> None:
     """Twenty degrees of bank: the picture lies 40 m aside, the position below the aircraft is what must come right."""
     bank = q_from_rotvec(np.array([0.35, 0.0, 0.0]))
