@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import tempfile
 from http import HTTPStatus
 from pathlib import Path
@@ -14,11 +15,13 @@ from backend.api.access import the_station
 from backend.errors import InvalidRequestError
 from backend.schemas.vehicles import MapBody
 from backend.station import Station
+from geodata.errors import RasterError
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
 
 TheStation = Annotated[Station, Depends(the_station)]
 CHUNK_BYTES = 1 << 20
+MAX_NAME_BYTES = 120  # file systems take 255 for a whole name
 
 
 @router.get("")
@@ -34,14 +37,27 @@ async def import_map(
     kind: Annotated[Literal["imagery", "elevation"] | None, Form()] = None,
 ) -> MapBody:  # fmt: skip
     """Upload a georeferenced raster (GeoTIFF of any CRS); it becomes a map layer and the matcher's reference."""
-    given = Path(file.filename or "map.tif").name
+    given = name_of_upload(file.filename)
     station.maps_inbox.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=station.maps_inbox) as folder:
-        path = Path(folder) / (given if given not in ("", ".", "..") else "map.tif")
+        path = Path(folder) / given
         with path.open("wb") as out:
             while chunk := await file.read(CHUNK_BYTES):
                 await asyncio.to_thread(out.write, chunk)
-        return await station.import_map(path, name or Path(given).stem, kind)
+        try:
+            return await station.import_map(path, name or Path(given).stem, kind)
+        except RasterError as error:
+            # The client knows its file by its own name; where it lay here meanwhile is nobody's concern.
+            problem = error.problem.replace(str(path), given).replace(folder, "")
+            raise type(error)(Path(given), problem, error.remedy) from None
+
+
+def name_of_upload(filename: str | None) -> str:
+    """A file name that leads nowhere else, from whatever a client calls its file (a path of its own system too)."""
+    name = re.sub(r"[\x00-\x1f\x7f]", "", re.split(r"[/\\]", filename or "")[-1]).strip()
+    stem, suffix = Path(name).stem, Path(name).suffix[:10]
+    stem = stem.encode()[: MAX_NAME_BYTES - len(suffix.encode())].decode(errors="ignore")
+    return stem + suffix if stem.strip(". ") else "map.tif"
 
 
 @router.get("/{map_id}")

@@ -7,6 +7,7 @@ import pytest
 import rasterio
 from rasterio.transform import from_origin
 
+from backend.api.maps import name_of_upload
 from geodata.raster import write_geotiff
 from tests.backend.station_runner import next_of, running_station
 
@@ -53,18 +54,45 @@ async def test_an_uploaded_map_is_listed_shown_told_and_deleted(tmp_path: Path) 
     assert (dropped["action"], dropped["map"]) == ("deleted", map_id)
 
 
-@pytest.mark.parametrize("kind", ["empty", "text", "no CRS", "cut"])
-async def test_what_is_no_map_is_refused_in_words_and_leaves_nothing(tmp_path: Path, kind: str) -> None:
+def huge(path: Path) -> bytes:
+    """A header that claims 300 000 x 300 000 pixels and holds none of them."""
+    profile = {"driver": "GTiff", "width": 300_000, "height": 300_000, "count": 1, "dtype": "uint8"}
+    options = {"crs": "EPSG:32632", "transform": from_origin(5e5, 5.2e6, 0.1, 0.1), "tiled": True}
+    with rasterio.open(path, "w", sparse_ok=True, BIGTIFF="YES", **profile, **options):
+        pass
+    return path.read_bytes()
+
+
+def all_nodata(path: Path) -> bytes:
+    """A map in which nothing is known."""
+    image = np.zeros((64, 64, 1), np.uint8)
+    write_geotiff(path, image, from_origin(5e5, 5.2e6, 1.0, 1.0), "EPSG:32632", nodata=0)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("empty", "empty"), ("text", "cannot be read as a raster"), ("no CRS", "coordinate reference system"),
+        ("cut", "truncated or damaged"), ("huge", "pixels"), ("all nodata", "no valid pixel"),
+    ],
+)  # fmt: skip
+async def test_what_is_no_map_is_refused_in_words_and_leaves_nothing(tmp_path: Path, kind: str, words: str) -> None:
     whole = geotiff(tmp_path / "a.tif").read_bytes()
     contents = {"empty": b"", "text": b"hello", "cut": whole[: len(whole) // 3]}
-    data = without_crs(tmp_path / "b.tif") if kind == "no CRS" else contents[kind]
+    made = {"no CRS": without_crs, "huge": huge, "all nodata": all_nodata}
+    data = made[kind](tmp_path / "b.tif") if kind in made else contents[kind]
     async with running_station(tmp_path / "data") as running:
         refused = await running.client.post("/api/v1/maps", files={"file": ("broken.tif", data)})
         listed = (await running.client.get("/api/v1/maps")).json()
         health = await running.client.get("/healthz")
 
     assert refused.status_code == 422
-    assert "broken.tif" in refused.json()["detail"]
+    said = refused.json()["detail"]
+    assert said.startswith("broken.tif: ")
+    assert words in said
+    assert str(tmp_path) not in said
+    assert "inbox" not in said
     assert listed == []
     assert list((tmp_path / "data" / "inbox").iterdir()) == []
     assert health.status_code == 200
@@ -77,3 +105,19 @@ async def test_a_file_name_cannot_lead_out_of_the_inbox(tmp_path: Path) -> None:
 
     assert made.status_code == 201
     assert not list(tmp_path.rglob("evil.tif"))
+
+
+@pytest.mark.parametrize(
+    ("given", "kept"),
+    [
+        ("field.tif", "field.tif"), ("C:\\maps\\field.tif", "field.tif"), ("../../etc/passwd", "passwd"),
+        ("..", "map.tif"), (".tif", ".tif"), ("", "map.tif"), (None, "map.tif"), ("a/", "map.tif"),
+        ("two\nlines\x00.tif", "twolines.tif"), ("ö" * 300 + ".tif", "ö" * 58 + ".tif"),
+    ],
+)  # fmt: skip
+def test_any_name_becomes_a_harmless_one(given: str | None, kept: str, tmp_path: Path) -> None:
+    name = name_of_upload(given)
+    (tmp_path / name).write_bytes(b"")
+
+    assert name == kept
+    assert [path.name for path in tmp_path.iterdir()] == [kept]
