@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import math
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -191,25 +192,60 @@ def parse_number(table: Table, row: TableRow, column: str) -> float:
 
 
 def parse_frames(table: Table, warn: Callable[[str], None]) -> FrameTimes:
-    """Frame numbers and times; both must run forward, since frames cannot be placed in time otherwise."""
-    frames: list[int] = []
-    times: list[int] = []
+    """Frame numbers, which must rise, and times; frames whose time does not run forward are left out with a warning.
+
+    What is kept is the longest run of rising times, so that one wrong time costs one frame, wherever it lies.
+    """
+    rows: list[tuple[int, int, int]] = []
     for row in table.rows:
         try:
             frame, t_us = _frame_row(table, row)
-            if frames:
-                _check_forward(table, row, (frames[-1], times[-1]), (frame, t_us))
+            if rows:
+                _check_order(table, row, rows[-1][1], frame)
         except FlightFolderError as error:
             # A recorder that was killed leaves its last line unfinished, perhaps in the middle of a number.
             if row is table.rows[-1] and table.is_open_ended:
                 warn(f"{error}; the line is unfinished and left out")
                 break
             raise
-        frames.append(frame)
-        times.append(t_us)
-    if not frames:
+        if row is table.rows[-1] and table.is_open_ended and rows and t_us <= rows[-1][2]:
+            warn(f"{table.path}: line {row.line}: the line is unfinished and left out")
+            break
+        rows.append((row.line, frame, t_us))
+    if not rows:
         raise FlightFolderError(table.path, "lists no frame", "fill it, or delete it to use video.start_time_us")
-    return FrameTimes(np.array(frames, dtype=np.int64), np.array(times, dtype=np.int64))
+    lines, frames, times = np.array(rows, dtype=np.int64).T
+    kept = _longest_rise(times)
+    if len(kept) < len(rows):
+        left_out = np.setdiff1d(np.arange(len(rows)), kept)
+        first, count = left_out[0], len(left_out)
+        more = f" (and {count - 1} more)" if count > 1 else ""
+        warn(
+            f"{table.path}: line {lines[first]}: time {times[first]} of frame {frames[first]} does not fit between its "
+            f"neighbours: frame times must run forward; left out{more}"
+        )
+    return FrameTimes(frames[kept], times[kept])
+
+
+def _longest_rise(values: Times) -> NDArray[np.intp]:
+    """Indices of a longest strictly rising subsequence, by patience sorting (Fredman 1975)."""
+    tails: list[int] = []  # the smallest value that ends a rise of each length
+    ends: list[int] = []
+    before = np.full(len(values), -1, dtype=np.intp)
+    for index, value in enumerate(values.tolist()):
+        length = bisect_left(tails, value)
+        if length == len(tails):
+            tails.append(value)
+            ends.append(index)
+        else:
+            tails[length], ends[length] = value, index
+        before[index] = ends[length - 1] if length else -1
+    kept = np.empty(len(ends), dtype=np.intp)
+    index = ends[-1]
+    for place in range(len(ends) - 1, -1, -1):
+        kept[place] = index
+        index = int(before[index])
+    return kept
 
 
 def _frame_row(table: Table, row: TableRow) -> tuple[int, int]:
@@ -224,19 +260,12 @@ def _frame_row(table: Table, row: TableRow) -> tuple[int, int]:
     return int(number), parse_time_us(table, row, "time_us")
 
 
-def _check_forward(table: Table, row: TableRow, before: tuple[int, int], now: tuple[int, int]) -> None:
-    if now[0] <= before[0]:
+def _check_order(table: Table, row: TableRow, before: int, now: int) -> None:
+    if now <= before:
         raise FlightFolderError(
             table.path,
-            f"frame {now[0]} follows frame {before[0]}",
+            f"frame {now} follows frame {before}",
             "list each frame once, in the order of the video",
-            field=f"line {row.line}",
-        )
-    if now[1] <= before[1]:
-        raise FlightFolderError(
-            table.path,
-            f"time {now[1]} of frame {now[0]} is not after {before[1]} of frame {before[0]}",
-            "frame times must run forward; remove or correct the line",
             field=f"line {row.line}",
         )
 

@@ -23,6 +23,7 @@ from estimator.types import FrameSample, Image
 from geodata.flight_meta import CameraMeta
 
 ASPECT_TOLERANCE = 0.01
+LONGEST_REVISION_US = 5_000_000
 FIRST_VEHICLE = "1"
 
 
@@ -49,6 +50,7 @@ class LiveCamera:
         self._on_picture = on_picture
         self._loop = asyncio.get_running_loop()
         self._frames = metrics.frames.labels("camera")
+        self._newest = (0, 0)  # epoch and exposure of the newest picture for the estimator
         try:
             self._channel = VideoChannel(
                 url, on_encoded=self._take_encoded, on_decoded=self._take_decoded, on_jpeg=self._take_jpeg,
@@ -144,8 +146,17 @@ class LiveCamera:
         if self._calibrated is None:
             return
         image, self.size_problem = fitted(frame.image, self._calibrated)
-        if image is not None:
+        if image is not None and self._runs_forward(frame):
             self._on_picture(FrameSample(frame.t_us, frame.frame_id, image))
+
+    def _runs_forward(self, frame: DecodedFrame) -> bool:
+        # When the delay proves smaller than thought, the next exposures lie before those of pictures already given:
+        # the estimator would see the motion between them backwards. A longer step is another clock.
+        epoch, t_us = self._newest
+        if frame.epoch == epoch and 0 <= t_us - frame.t_us < LONGEST_REVISION_US:
+            return False
+        self._newest = frame.epoch, frame.t_us
+        return True
 
     def _from_thread(self, call: Callable[[EncodedFrame], None], frame: EncodedFrame) -> None:
         if not self._loop.is_closed():

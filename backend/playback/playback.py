@@ -9,7 +9,7 @@ from typing import Any
 import structlog
 
 from backend.clock import mono_us, unix_us
-from backend.errors import FrameGoneError
+from backend.errors import FrameGoneError, NoStateForFrameError
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import finite, state_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
@@ -21,7 +21,7 @@ from backend.playback.recording import FlightRecording
 from backend.schemas.vehicles import ReplayBody
 from backend.video.errors import VideoError
 from backend.video.frames import EncodedFrame
-from backend.video.recorded import RecordedPacket
+from backend.video.recorded import RecordedPacket, RecordedVideo
 from estimator.types import NavigationState
 
 TICK_S = 0.02
@@ -59,6 +59,7 @@ class Playback:
         self._ready: list[RecordedPacket] = []
         self._jpeg_busy: asyncio.Task[None] | None = None
         self._shown_index = -1
+        self._shown_us = recording.start_us
         self._video_done = False
         self._said_us = 0
         self._said_telemetry_us = 0
@@ -155,24 +156,35 @@ class Playback:
         return None if self._states is None else self._states.at(t_us)
 
     def identify(self, frame_id: int) -> FrameIdentity:
-        """A frame of the flight by the id it was shown under; FrameGoneError for others."""
-        video = self.recording.video
-        epoch, index = divmod(frame_id, self._stride)
+        """A frame of the flight by the id it was shown under.
+
+        Raises
+        ------
+        FrameGoneError
+            It is not of this flight.
+        NoStateForFrameError
+            The flight does not say when it was taken.
+        """
+        video, index = self._video_and_index(frame_id)
         t_us = self.recording.frame_time_us(index)
-        if video is None or t_us is None or not 1 <= epoch <= self.epoch:
-            raise FrameGoneError(self.source, frame_id)
+        if t_us is None:
+            raise NoStateForFrameError(self.id, frame_id, "the flight does not say when it was taken")
         return FrameIdentity(frame_id, t_us, video.width_px, video.height_px)
 
     async def jpeg(self, frame_id: int) -> bytes:
         """A frame of the flight as JPEG; FrameGoneError for others."""
-        self.identify(frame_id)
-        video = self.recording.video
-        if video is None:
-            raise FrameGoneError(self.source, frame_id)
+        video, index = self._video_and_index(frame_id)
         try:
-            return await asyncio.to_thread(video.jpeg, frame_id % self._stride)
+            return await asyncio.to_thread(video.jpeg, index)
         except VideoError:
             raise FrameGoneError(self.source, frame_id) from None
+
+    def _video_and_index(self, frame_id: int) -> tuple[RecordedVideo, int]:
+        video = self.recording.video
+        epoch, index = divmod(frame_id, self._stride)
+        if video is None or not 1 <= epoch <= self.epoch or not video.first_index <= index <= video.last_index:
+            raise FrameGoneError(self.source, frame_id)
+        return video, index
 
     def video_message(self) -> dict[str, Any]:
         """Fields of the ``video`` message."""
@@ -284,9 +296,9 @@ class Playback:
             t_us = self.recording.frame_time_us(self._ready[0].index)
             if t_us is not None and t_us > self._t_us and self._shown_index >= 0:
                 return
-            packet = self._ready.pop(0)
-            if t_us is not None:
-                self._show(packet, t_us)
+            # One without a time goes along with its predecessor: those after it are decoded from it.
+            self._shown_us = self._shown_us if t_us is None else t_us
+            self._show(self._ready.pop(0), self._shown_us)
 
     def _show(self, packet: RecordedPacket, t_us: int) -> None:
         self._shown_index = packet.index

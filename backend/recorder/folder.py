@@ -67,6 +67,7 @@ class FlightWriter:
         self._last_state_us = 0
         self._frames: CsvAppender | None = None
         self._frame_count = 0
+        self._last_frame_us: int | None = None
         self._video: TsWriter | None = None
         self._picture_codec = False
         self._small_bytes = 0
@@ -100,7 +101,12 @@ class FlightWriter:
         self._last_us = max(self._last_us, t_unix_us)
 
     def frame(self, frame: EncodedFrame) -> None:
-        """Append a frame; the first must be a key frame, others before it are left out."""
+        """Append a frame; the first must be a key frame, others before it are left out.
+
+        A frame is listed with its time only where that is after those before it: when a smaller delay of the video
+        shows that the first frames were earlier than thought, the next ones lie before them; so do bidirectional
+        frames, which come in the order of decoding. The video keeps them all.
+        """
         if self._frames is None:
             if not frame.key:
                 return
@@ -112,7 +118,9 @@ class FlightWriter:
             target.write_bytes(frame.payload)
         elif self._video is not None:
             self._video.write(frame)
-        self._frames.write(self._frame_count, frame.t_us)
+        if self._last_frame_us is None or frame.t_us > self._last_frame_us:
+            self._frames.write(self._frame_count, frame.t_us)
+            self._last_frame_us = frame.t_us
         self._frame_count += 1
         self._small_bytes += len(frame.payload) + 24
         self._last_us = max(self._last_us, frame.t_us)

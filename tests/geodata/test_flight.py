@@ -168,7 +168,6 @@ def _meta(**sections: Any) -> Any:
             _write("frames.csv", f"frame,time_us\n0,{T0_US // 10**6}\n1,{T0_US // 10**6 + 1}\n".encode()),
             ["frames.csv", "look like seconds"],
         ),
-        (_write("frames.csv", b"frame,time_us\n0,10\n1,5\n2,7\n"), ["frames.csv", "line 3", "run forward"]),
     ],
 )
 def test_what_is_missing_or_contradictory_is_named_with_a_remedy(tmp_path: Path, spoil: Any, words: list[str]) -> None:

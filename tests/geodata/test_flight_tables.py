@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+import itertools
 import math
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from geodata.errors import FlightFolderError
@@ -12,6 +15,7 @@ from geodata.flight_tables import (
     CLICK_COLUMNS,
     FRAME_COLUMNS,
     FrameTimes,
+    _longest_rise,
     parse_click,
     parse_frames,
     parse_rows,
@@ -59,7 +63,6 @@ def test_microseconds_keep_all_their_digits(tmp_path: Path) -> None:
         (b"", "is empty"),
         (b"frame,t\n0,1\n", "has no column time_us"),
         (b"frame,time_us\n", "lists no frame"),
-        (b"frame,time_us\n0,1000\n1,900\n2,1100\n", "line 3: time 900 of frame 1 is not after 1000"),
         (b"frame,time_us\n0,1000\n0,1100\n2,1200\n", "line 3: frame 0 follows frame 0"),
         (b"frame,time_us\n0,x\n1,1100\n", "line 2, column time_us: 'x' is not a number"),
         (b"frame,time_us\n0,1.79535E+15\n", "not a whole number of microseconds"),
@@ -72,6 +75,47 @@ def test_frames_that_cannot_be_placed_name_line_and_reason(tmp_path: Path, conte
     with pytest.raises(FlightFolderError, match=r"frames\.csv") as caught:
         frames(tmp_path / "frames.csv", content)
     assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("times", "kept"),
+    [
+        ([1000, 900, 1100], [1, 2]),
+        ([1000, 2000, 900, 3000, 4000], [0, 1, 3, 4]),
+        ([9000, 1000, 2000, 3000], [1, 2, 3]),
+        ([1000, 2000, 2000, 3000], [0, 1, 3]),
+        ([1000, 1300, 1400, 1500, 1040, 1080, 1120, 1160, 1200, 1600], [0, 4, 5, 6, 7, 8, 9]),
+        ([3000, 2000, 1000], [2]),
+    ],
+)
+def test_a_time_that_runs_backwards_costs_only_its_frame(tmp_path: Path, times: list[int], kept: list[int]) -> None:
+    """
+    Fault: single frame times, or those of a recording's first moments, lie after those of later frames.
+    Expected: as few frames as possible are left out, with a warning that names the line of the first.
+    """
+    content = "frame,time_us\n" + "".join(f"{n},{t}\n" for n, t in enumerate(times))
+    warnings: list[str] = []
+    found = frames(tmp_path / "frames.csv", content.encode(), warnings)
+
+    assert np.all(np.diff(found.t_video_us) > 0)
+    assert len(found.frame) == len(kept)
+    assert found.t_video_us.tolist() == [times[n] for n in found.frame]
+    (warning,) = warnings
+    first = min(set(range(len(times))) - set(found.frame.tolist()))
+    assert f"line {first + 2}: time {times[first]} of frame {first}" in warning
+
+
+@given(st.lists(st.integers(0, 12), min_size=1, max_size=9))
+def test_no_longer_rise_is_overlooked(values: list[int]) -> None:
+    """Against trying every choice."""
+    kept = _longest_rise(np.array(values, dtype=np.int64)).tolist()
+    chosen = [values[n] for n in kept]
+    choices = (c for size in range(1, len(values) + 1) for c in itertools.combinations(values, size))
+    longest = max(len(c) for c in choices if all(a < b for a, b in itertools.pairwise(c)))
+
+    assert kept == sorted(kept)
+    assert all(a < b for a, b in itertools.pairwise(chosen))
+    assert len(kept) == longest
 
 
 @pytest.mark.parametrize("tail", [b"2", b"2,", b"2,17", b"2,1795"])

@@ -114,6 +114,37 @@ async def test_a_click_on_a_replayed_frame_uses_the_state_at_its_exposure(tmp_pa
     assert outside.status_code == 400
 
 
+async def test_pictures_without_a_time_are_shown_but_cannot_be_clicked(tmp_path: Path) -> None:
+    """
+    Fault: pictures 10 to 19 of the flight have no time, because it ran backwards there.
+    Expected: the browser gets them, since it decodes the next ones from them; a click on one is refused in words.
+    """
+    folder = tmp_path / "flights" / "alpha"
+    write_flight(folder)
+    lines = (folder / "frames.csv").read_text().splitlines()
+    for n in range(10, 20):
+        lines[1 + n] = f"{n},{T0_US - 1_000_000}"
+    (folder / "frames.csv").write_text("\n".join(lines) + "\n")
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 0.1})
+        headers: list[dict[str, Any]] = []
+        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+            await running.client.patch(REPLAY, json={"speed": 4.0})
+            while not headers or headers[-1]["t_unix_us"] < T0_US + 30 * 40_000:
+                headers.append(header_of(await asyncio.wait_for(video.recv(), PATIENCE_S)))
+        body = {"vehicle_id": "replay-alpha", "frame_id": 100 + 15, "u_px": 159.5, "v_px": 119.5}
+        refused = await running.client.post("/api/v1/targets", json=body)
+        picture = await running.client.get("/api/v1/video/cam-replay-alpha/frames/115.jpg")
+
+    numbers = [header["frame_id"] for header in headers]
+    assert numbers == list(range(numbers[0], 131))
+    assert numbers[0] <= 110
+    assert [header["t_unix_us"] for header in headers if 110 <= header["frame_id"] < 120] == [T0_US + 9 * 40_000] * 10
+    assert refused.status_code == 409
+    assert "does not say when it was taken" in refused.json()["detail"]
+    assert picture.content.startswith(b"\xff\xd8")
+
+
 async def test_a_flight_without_estimate_has_one_computed_and_kept(tmp_path: Path) -> None:
     write_flight(tmp_path / "flights" / "alpha", with_estimate=False)
     (tmp_path / "flights" / "alpha" / "estimate.csv").unlink()

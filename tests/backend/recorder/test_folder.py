@@ -1,5 +1,6 @@
 """A recorded folder opens as a flight at any moment, and holds what was handed in."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from numpy.testing import assert_allclose
 from backend.playback.estimate import EstimateTable
 from backend.recorder.folder import ClickRow, FlightWriter
 from backend.video.recorded import RecordedVideo
+from backend.video.timing import ExposureClock
 from estimator.types import Mode
 from geodata.flight import FlightFolder
 from tests.backend.flight_maker import CAMERA, SIZE, T0_US, plan, state, telemetry, write_flight
@@ -59,6 +61,37 @@ def test_frames_before_the_first_key_frame_are_left_out(tmp_path: Path) -> None:
     assert times is not None
     assert times.t_video_us[0] == T0_US + 25 * 40_000
     assert len(times.frame) == 15
+
+
+def test_frame_times_that_run_backwards_are_not_listed_but_the_pictures_are_kept(tmp_path: Path) -> None:
+    """
+    Fault: under load the first pictures come late; when a later one comes in time, the exposures after it are moved to
+    before those of its predecessors.
+    Expected: the flight opens without a warning, its listed times rise and are right, no picture is lost.
+    """
+    late_us = [300_000, 260_000, 220_000, 180_000, 5_000, *([9_000] * 15)]
+    clock = ExposureClock()
+    frames = [
+        replace(frame, t_us=clock.exposure_us(None, 40_000 * n, T0_US + 40_000 * n + late_us[n]))
+        for n, frame in enumerate(encoded_frames(20, SIZE, t0_us=T0_US))
+    ]
+    assert frames[4].t_us < frames[3].t_us  # what this is about
+    folder = tmp_path / "f"
+    folder.mkdir()
+    writer = FlightWriter(folder, plan(), "f")
+    for t_us, data in telemetry(2.0):
+        writer.packet(t_us, data)
+    for frame in frames:
+        writer.frame(frame)
+    writer.close()
+
+    flight = FlightFolder.open(folder)
+    times = flight.frame_times()
+    assert times is not None
+    assert flight.warnings == []
+    assert times.frame.tolist() == [0, *range(8, 20)]
+    assert times.t_video_us[1:].tolist() == [T0_US + 40_000 * n + 5_000 for n in range(8, 20)]
+    assert RecordedVideo.open(flight.video_path or Path()).frame_count == 20
 
 
 def test_the_estimate_is_kept_at_ten_a_second(tmp_path: Path) -> None:
