@@ -64,9 +64,11 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, feed: VideoFeed)
         raise NoGroundError(body.u_px, body.v_px, str(error)) from None
     now_us = unix_us()
     cov = found.cov_ned_m2
+    assumption = vehicle.assumption_at(frame.t_us)
+    method = found.method if assumption is None else f"{found.method}, {assumption}"
     return Target(
         id=str(uuid.uuid4()), name=body.name or "", lat_deg=math.degrees(found.lat_rad),
-        lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=str(found.method),
+        lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=method,
         created_unix_us=now_us, updated_unix_us=now_us, vehicle_id=vehicle.id, frame_id=frame.frame_id,
         t_unix_us=frame.t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
         var_d_m2=float(cov[2, 2]), cov_ne_m2=float(cov[0, 1]),

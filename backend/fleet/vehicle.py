@@ -73,6 +73,9 @@ class VehicleView(Protocol):
     async def state_at(self, t_us: int) -> NavigationState | None:
         """The state at a time, None when it is not known."""
 
+    def assumption_at(self, t_us: int) -> str | None:
+        """What the state at a time assumes beyond what was estimated, in words for a target's method."""
+
 
 class LiveVehicle:
     """A vehicle heard on a link. Lives on the event loop; its estimator has a thread of its own.
@@ -172,6 +175,11 @@ class LiveVehicle:
         if reading.has_fix and reading.lat_deg is not None and reading.lon_deg is not None:
             point = TrackPoint(reading.t_us, 1, reading.lat_deg, reading.lon_deg, reading.alt_amsl_m or 0.0)
             self.tracks["gps"].add(point)
+
+    def assumption_at(self, t_us: int) -> str | None:
+        """Nothing: the estimator says how sure it is of everything."""
+        del t_us
+        return None
 
     async def state_at(self, t_us: int) -> NavigationState | None:
         """The state at a time, None when it is not known."""

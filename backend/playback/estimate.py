@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from backend.recorder.estimate import CAMERA_COLUMNS, NUMBER_COLUMNS, camera_pose
 from estimator.geometry.camera import Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import q_from_euler, q_from_matrix
@@ -18,21 +19,22 @@ from estimator.types import CameraAttitudeSample, Float, Mode, NavigationState
 
 MAX_GAP_US = 1_000_000
 HOLD_US = 300_000  # the last line stands for the pictures just after it
-# The table holds no attitude errors; these are what the estimator typically reaches.
-ATTITUDE_STD_RAD = math.radians(1.0)
-NUMBERS = (
-    "lat_deg", "lon_deg", "alt_amsl_m", "roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps",
-    "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2",
-)  # fmt: skip
+# For tables that do not tell their attitude's errors: an autopilot's attitude is about as good. Targets say so.
+ASSUMED_ATTITUDE_STD_DEG = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EstimateTable:
-    """Times (n,), ascending; ``values`` (n, 13) in the order of ``NUMBERS``; modes (n,)."""
+    """Times (n,), ascending; ``values`` (n, 13) in the order of ``NUMBER_COLUMNS``; modes (n,).
+
+    ``q_ned_from_camera`` (n, 4) and ``cov_camera_pose`` (n, 6, 6) are NaN in lines that do not tell them.
+    """
 
     t_us: np.ndarray
     values: Float
     modes: tuple[Mode, ...]
+    q_ned_from_camera: Float
+    cov_camera_pose: Float
 
     @classmethod
     def read(cls, path: Path) -> EstimateTable:
@@ -40,19 +42,24 @@ class EstimateTable:
         times: list[int] = []
         rows: list[list[float]] = []
         modes: list[Mode] = []
+        poses: list[tuple[Float, Float]] = []
+        unknown = (np.full(4, np.nan), np.full((6, 6), np.nan))
         with path.open(newline="", encoding="utf-8", errors="replace") as file:
             for row in csv.DictReader(file):
                 try:
                     t_us, mode = int(row["time_us"]), Mode(row["mode"])
-                    numbers = [float(row[name] or "nan") for name in NUMBERS]
+                    numbers = [float(row[name] or "nan") for name in NUMBER_COLUMNS]
                 except (KeyError, TypeError, ValueError):
                     continue
                 if math.isfinite(numbers[0] + numbers[1]) and (not times or t_us > times[-1]):
                     times.append(t_us)
                     rows.append(numbers)
                     modes.append(mode)
-        values = np.array(rows, dtype=np.float64).reshape(-1, len(NUMBERS))
-        return cls(np.array(times, dtype=np.int64), values, tuple(modes))
+                    poses.append(camera_pose(*(row.get(name) for name in CAMERA_COLUMNS)) or unknown)
+        values = np.array(rows, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
+        q = np.array([pose[0] for pose in poses]).reshape(-1, 4)
+        cov = np.array([pose[1] for pose in poses]).reshape(-1, 6, 6)
+        return cls(np.array(times, dtype=np.int64), values, tuple(modes), q, cov)
 
     def index_at(self, t_us: int) -> int:
         """The last line at or before a time, -1 before the first."""
@@ -60,25 +67,51 @@ class EstimateTable:
 
     def at(self, t_us: int) -> tuple[Float, Mode] | None:
         """The line's numbers at a time, interpolated; None outside the table and in its gaps."""
-        index = self.index_at(t_us)
-        if index < 0:
+        found = self._between(t_us)
+        if found is None:
             return None
-        before_us = int(self.t_us[index])
-        if index + 1 >= len(self.t_us):
-            return (self.values[index], self.modes[index]) if t_us - before_us <= HOLD_US else None
-        after_us = int(self.t_us[index + 1])
-        if after_us - before_us > MAX_GAP_US:
-            return (self.values[index], self.modes[index]) if t_us == before_us else None
-        part = (t_us - before_us) / (after_us - before_us)
+        index, part = found
+        if part == 0.0:
+            return self.values[index], self.modes[index]
         step = self.values[index + 1] - self.values[index]
         step[3:6] = (step[3:6] + 180.0) % 360.0 - 180.0  # angles go the short way round
         step[1] = (step[1] + 180.0) % 360.0 - 180.0
         return self.values[index] + part * step, self.modes[index]
 
+    def camera_pose_at(self, t_us: int) -> tuple[Float, Float] | None:
+        """``q_ned_from_camera`` and ``cov_camera_pose`` at a time, interpolated; None where the table has none."""
+        found = self._between(t_us)
+        if found is None:
+            return None
+        index, part = found
+        after = index + 1 if part > 0.0 else index
+        before_q, after_q = self.q_ned_from_camera[index], self.q_ned_from_camera[after]
+        # A quaternion and its negative are one rotation; over 0.1 s the chord is as good as the arc.
+        q = before_q + part * (np.copysign(1.0, before_q @ after_q) * after_q - before_q)
+        cov = self.cov_camera_pose[index] + part * (self.cov_camera_pose[after] - self.cov_camera_pose[index])
+        return (q / np.linalg.norm(q), cov) if np.isfinite(q).all() and np.isfinite(cov).all() else None
+
+    def _between(self, t_us: int) -> tuple[int, float] | None:
+        """The line before a time, and the part of the way from it to the next; None outside and in gaps."""
+        index = self.index_at(t_us)
+        if index < 0:
+            return None
+        before_us = int(self.t_us[index])
+        if index + 1 >= len(self.t_us):
+            return (index, 0.0) if t_us - before_us <= HOLD_US else None
+        after_us = int(self.t_us[index + 1])
+        if after_us - before_us > MAX_GAP_US:
+            return (index, 0.0) if t_us == before_us else None
+        return index, (t_us - before_us) / (after_us - before_us)
+
 
 @dataclass(slots=True, eq=False)
 class RecordedStates:
-    """Navigation states from a table, with the camera's attitude as the mount or the gimbal's reports have it."""
+    """Navigation states from a table.
+
+    The camera's attitude and the errors of its pose are the table's where it tells them, else the attitude is what the
+    mount or the gimbal's reports make of the body's, and its error is assumed.
+    """
 
     table: EstimateTable
     frame: LocalFrame
@@ -98,22 +131,31 @@ class RecordedStates:
         attitude = (math.radians(angle) if math.isfinite(angle) else 0.0 for angle in (roll, pitch, yaw))
         q_ned_from_body = q_from_euler(*attitude)
         pos = self.frame.ned_from_geodetic(lat_rad, lon_rad, alt_m)
-        camera = CameraAttitudeModel(self.mount, Gimbal(self.gimbal))
-        for report in self._reports_near(t_us):
-            camera.offer(report)
         cov = np.array([[std_n**2, cov_ne, 0.0], [cov_ne, std_e**2, 0.0], [0.0, 0.0, std_d**2]])
-        pose = np.zeros((6, 6))
-        pose[:3, :3] = cov
-        pose[3:, 3:] = np.eye(3) * ATTITUDE_STD_RAD**2
+        q_ned_from_camera, pose = self.table.camera_pose_at(t_us) or self._assumed_pose(t_us, q_ned_from_body, cov)
         ground = float(np.atleast_1d(self.ground.alt_amsl_m(pos[0:1], pos[1:2]))[0])
-        ned_from_camera = camera.at(t_us, q_ned_from_body, np.zeros(3)).ned_from_camera
         return NavigationState(
             t_us=t_us, mode=mode, process_model="recorded", lat_rad=lat_rad, lon_rad=lon_rad, alt_amsl_m=alt_m,
             alt_agl_m=alt_m - ground, pos_ned_m=pos, vel_ned_m_s=np.array([vn, ve, vd]),
-            q_ned_from_body=q_ned_from_body, q_ned_from_camera=q_from_matrix(ned_from_camera), cov_pos_ned_m2=cov,
-            cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=np.eye(3) * ATTITUDE_STD_RAD**2,
-            cov_camera_pose=pose, last_fix_age_s=math.inf,
+            q_ned_from_body=q_ned_from_body, q_ned_from_camera=q_ned_from_camera, cov_pos_ned_m2=cov,
+            cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=pose[3:, 3:], cov_camera_pose=pose,
+            last_fix_age_s=math.inf,
         )  # fmt: skip
+
+    def assumption_at(self, t_us: int) -> str | None:
+        """What is assumed for the camera's pose at a time; None where the table tells it."""
+        if self.table.camera_pose_at(t_us) is not None:
+            return None
+        return f"attitude {ASSUMED_ATTITUDE_STD_DEG:g} deg assumed"
+
+    def _assumed_pose(self, t_us: int, q_ned_from_body: Float, cov_pos_ned_m2: Float) -> tuple[Float, Float]:
+        camera = CameraAttitudeModel(self.mount, Gimbal(self.gimbal))
+        for report in self._reports_near(t_us):
+            camera.offer(report)
+        pose = np.zeros((6, 6))
+        pose[:3, :3] = cov_pos_ned_m2
+        pose[3:, 3:] = np.eye(3) * math.radians(ASSUMED_ATTITUDE_STD_DEG) ** 2
+        return q_from_matrix(camera.at(t_us, q_ned_from_body, np.zeros(3)).ned_from_camera), pose
 
     def _reports_near(self, t_us: int) -> list[CameraAttitudeSample]:
         return [report for report in self.gimbal_reports if abs(report.t_us - t_us) < 2_000_000]

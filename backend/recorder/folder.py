@@ -2,26 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
+from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.video.frames import EncodedFrame
 from backend.video.writer import TsWriter
-from estimator.geometry.rotation import euler_from_q
 from estimator.types import NavigationState
 from geodata.flight import CsvAppender, TlogWriter, write_flight_json
 from geodata.flight_meta import CameraMeta, FlightMeta, HomeMeta, MapMeta, VehicleMeta, VideoMeta
 from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS
 
-ESTIMATE_COLUMNS = (
-    "time_us", "lat_deg", "lon_deg", "alt_amsl_m", "roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps",
-    "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2", "mode",
-)  # fmt: skip
 VIDEO_FILE = "video.ts"
 PICTURE_FOLDER = "frames"
 ESTIMATE_STEP_US = 90_000
@@ -131,7 +124,7 @@ class FlightWriter:
             return
         self._last_state_us = state.t_us
         self._estimate.write(*estimate_cells(state))
-        self._small_bytes += 160
+        self._small_bytes += 480
 
     def click(self, row: ClickRow) -> None:
         """Append a line of ``clicks.csv``."""
@@ -191,18 +184,6 @@ class FlightWriter:
             # Named only once it is there: a folder that names a missing file is broken.
             meta = meta.model_copy(update={"video": meta.video.model_copy(update={"file": VIDEO_FILE})})
         write_flight_json(self.folder, meta)
-
-
-def estimate_cells(state: NavigationState) -> tuple[int | float | str | None, ...]:
-    """One line of ``estimate.csv``."""
-    roll, pitch, yaw = (math.degrees(float(angle)) for angle in euler_from_q(state.q_ned_from_body))
-    vn, ve, vd = (round(float(value), 4) for value in state.vel_ned_m_s)
-    std_n, std_e, std_d = (round(float(v), 4) for v in np.sqrt(np.maximum(np.diag(state.cov_pos_ned_m2), 0.0)))
-    return (
-        state.t_us, f"{math.degrees(state.lat_rad):.9f}", f"{math.degrees(state.lon_rad):.9f}",
-        round(state.alt_amsl_m, 3), round(roll, 4), round(pitch, 4), round(yaw % 360.0, 4), vn, ve, vd,
-        std_n, std_e, std_d, round(float(state.cov_pos_ned_m2[0, 1]), 5), str(state.mode),
-    )  # fmt: skip
 
 
 def _bring(source: Path | None, target: Path) -> str | None:

@@ -16,12 +16,12 @@ from backend.errors import StationError
 from backend.link.events import SampleEvent
 from backend.link.tlog import LinkReplay
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
+from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.replay.report import write_report
 from backend.replay.targets import locate_clicks, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import euler_from_q
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, NavigationState, Sample
 from geodata.flight import FlightFolder
@@ -30,10 +30,6 @@ from geodata.flight_write import CsvAppender
 # a sample may be logged this long after the picture that it belongs with was taken
 LOOKAHEAD_US = 250_000
 STATE_INTERVAL_US = 100_000
-ESTIMATE_COLUMNS = (
-    "time_us", "lat_deg", "lon_deg", "alt_amsl_m", "roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps",
-    "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2", "mode",
-)  # fmt: skip
 FIX_COLUMNS = (
     "time_us", "kind", "accepted", "reason", "north_m", "east_m", "std_n_m", "std_e_m", "score", "outlier_probability",
     "heading_correction_deg", "scale_correction", "frame", "elapsed_ms",
@@ -296,14 +292,7 @@ def _write_estimate(path: Path, states: list[NavigationState]) -> None:
     path.unlink(missing_ok=True)
     with CsvAppender(path, ESTIMATE_COLUMNS) as table:
         for state in states:
-            roll, pitch, yaw = (math.degrees(angle) for angle in euler_from_q(state.q_ned_from_body))
-            cov = state.cov_pos_ned_m2
-            std = [f"{math.sqrt(max(cov[i, i], 0.0)):.4f}" for i in range(3)]
-            table.write(
-                state.t_us, f"{math.degrees(state.lat_rad):.9f}", f"{math.degrees(state.lon_rad):.9f}",
-                f"{state.alt_amsl_m:.3f}", f"{roll:.4f}", f"{pitch:.4f}", f"{yaw:.4f}",
-                *(f"{v:.3f}" for v in state.vel_ned_m_s), *std, f"{cov[0, 1]:.6f}", str(state.mode),
-            )  # fmt: skip
+            table.write(*estimate_cells(state))
 
 
 def _write_fixes(path: Path, fixes: list[FixReport]) -> None:

@@ -1,19 +1,23 @@
 """Estimates between their lines."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.testing import assert_allclose
 
-from backend.playback.estimate import NUMBERS, EstimateTable, RecordedStates
+from backend.playback.estimate import EstimateTable, RecordedStates
+from backend.recorder.estimate import ESTIMATE_COLUMNS, NUMBER_COLUMNS, estimate_cells
 from estimator.geometry.camera import Mount
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import matrix_from_q
-from estimator.types import Mode
+from estimator.geometry.rotation import matrix_from_q, q_from_euler
+from estimator.types import Mode, NavigationState
 from geodata.elevation import FlatGround
+from geodata.flight_write import CsvAppender
+from tests.backend.flight_maker import T0_US, state
 
-HEADER = ",".join(("time_us", *NUMBERS, "mode")) + "\n"
+HEADER = ",".join(("time_us", *NUMBER_COLUMNS, "mode")) + "\n"
 LINES = (
     "1000000,47.0,8.0,500,0,0,350,1,0,0,1,2,3,0.5,gps\n"
     "2000000,47.001,8.0,510,0,0,10,1,0,0,1,2,3,0.5,vision\n"
@@ -50,6 +54,45 @@ def test_lines_cut_off_or_senseless_are_left_out(tmp_path: Path) -> None:
     estimate = table(tmp_path, text)
 
     assert estimate.t_us.tolist() == [1_000_000, 2_000_000, 9_000_000]
+
+
+def recorded(path: Path, states: list[NavigationState]) -> RecordedStates:
+    """Recorded by the station, read for a replay."""
+    with CsvAppender(path, ESTIMATE_COLUMNS) as table:
+        for known in states:
+            table.write(*estimate_cells(known))
+    frame = LocalFrame(math.radians(47.0), math.radians(8.0), 400.0)
+    nadir = Mount(0.0, -math.pi / 2, 0.0, np.zeros(3))
+    return RecordedStates(EstimateTable.read(path), frame, FlatGround(400.0), nadir, "fixed", [])
+
+
+def test_a_recorded_state_is_as_sure_of_its_camera_as_the_estimator_was(tmp_path: Path) -> None:
+    """Direction with the boresight that was estimated, and errors with their correlations; between two lines too."""
+    draws = np.random.default_rng(5).normal(size=(6, 6)) * [3.0, 3.0, 3.0, 0.01, 0.01, 0.01]
+    cov = draws.T @ draws
+    first = replace(state(T0_US), q_ned_from_camera=q_from_euler(0.0, 0.0, 1.0), cov_camera_pose=cov)
+    second = replace(state(T0_US + 100_000), q_ned_from_camera=-q_from_euler(0.0, 0.0, 1.02), cov_camera_pose=3.0 * cov)
+    states = recorded(tmp_path / "estimate.csv", [first, second])
+    at_first, between = states.at(T0_US), states.at(T0_US + 50_000)
+
+    assert at_first is not None
+    assert between is not None
+    assert_allclose(at_first.q_ned_from_camera, first.q_ned_from_camera, atol=1e-7)
+    assert_allclose(at_first.cov_camera_pose, cov, rtol=1e-7)
+    assert_allclose(between.q_ned_from_camera, q_from_euler(0.0, 0.0, 1.01), atol=1e-6)
+    assert_allclose(between.cov_camera_pose, 2.0 * cov, rtol=1e-7)
+    assert states.assumption_at(T0_US + 50_000) is None
+
+
+def test_a_table_that_tells_no_attitude_errors_has_them_assumed_in_words(tmp_path: Path) -> None:
+    frame = LocalFrame(math.radians(47.0), math.radians(8.0), 400.0)
+    nadir = Mount(0.0, -math.pi / 2, 0.0, np.zeros(3))
+    states = RecordedStates(table(tmp_path, LINES), frame, FlatGround(400.0), nadir, "fixed", [])
+    known = states.at(2_000_000)
+
+    assert known is not None
+    assert_allclose(np.degrees(np.sqrt(np.diag(known.cov_attitude_rad2))), 1.0)
+    assert states.assumption_at(2_000_000) == "attitude 1 deg assumed"
 
 
 def test_a_nadir_camera_looks_down_with_its_top_forward(tmp_path: Path) -> None:

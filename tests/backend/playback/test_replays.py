@@ -108,10 +108,31 @@ async def test_a_click_on_a_replayed_frame_uses_the_state_at_its_exposure(tmp_pa
     assert_allclose(target["lon_deg"], LON_DEG, atol=2e-7)
     assert_allclose(target["alt_amsl_m"], 400.0, atol=0.1)
     assert target["t_unix_us"] == T0_US + 2_000_000
-    assert target["ellipse95"]["semi_major_m"] > 2.0
+    # flight_maker.state(): sigmas of 1 and 2 m and of 1 rad in attitude, which 100 m above ground makes 100 m
+    assert target["method"] == "ray_terrain"
+    assert 100.0 < target["std_n_m"] < 101.0
     assert picture.content.startswith(b"\xff\xd8")
     assert unknown.status_code == 404
     assert outside.status_code == 400
+
+
+async def test_a_click_with_an_estimate_of_others_says_what_it_assumes(tmp_path: Path) -> None:
+    """An estimate.csv of the contract's columns alone: nobody knows how good its attitude is."""
+    folder = tmp_path / "flights" / "alpha"
+    write_flight(folder)
+    lines = [line.split(",") for line in (folder / "estimate.csv").read_text().splitlines()]
+    (folder / "estimate.csv").write_text("".join(",".join(cells[:15]) + "\n" for cells in lines))
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 16.0})
+        await until(running, lambda replays: replays[0]["ended"] and replays[0]["progress"] is None)
+        body = {"vehicle_id": "replay-alpha", "frame_id": 150, "u_px": 159.5, "v_px": 119.5}
+        made = await running.client.post("/api/v1/targets", json=body)
+
+    target = made.json()["properties"]
+    assert made.status_code == 201, made.text
+    assert target["method"] == "ray_terrain, attitude 1 deg assumed"
+    # sigma 1 m of the position, 1 deg at 100 m, 2 px at 300 px focal length, and the ground's height straight below
+    assert_allclose(target["std_n_m"], math.hypot(1.0, 100 * math.radians(1.0), 100 * 2 / 300), atol=0.05)
 
 
 async def test_pictures_without_a_time_are_shown_but_cannot_be_clicked(tmp_path: Path) -> None:
