@@ -112,8 +112,8 @@ class FlightFolder:
         if self._frame_times is None and path.exists():
             table = read_table(path, FRAME_COLUMNS)
             if table.cut_off is not None:
-                self._warn(f"{path}: line {table.cut_off} is cut off; left out")
-            self._frame_times = parse_frames(table, self._warn)
+                self.warn(f"{path}: line {table.cut_off} is cut off; left out")
+            self._frame_times = parse_frames(table, self.warn)
         return self._frame_times
 
     def frame_time_us(self, frame: int, pts_s: float | None = None) -> int | None:
@@ -150,13 +150,13 @@ class FlightFolder:
     def truth(self) -> Truth | None:
         """``truth.csv``; None, with a warning, when it is there but cannot be used."""
         columns = ("time_us", "lat_deg", "lon_deg", "alt_amsl_m")
-        return self._optional("truth.csv", lambda path: parse_truth(read_table(path, columns), self._warn))
+        return self._optional("truth.csv", lambda path: parse_truth(read_table(path, columns), self.warn))
 
     def clicks(self) -> list[Click]:
         """``clicks.csv``; unusable lines are left out with a warning."""
         return (
             self._optional(
-                "clicks.csv", lambda path: parse_rows(read_table(path, CLICK_COLUMNS), parse_click, self._warn)
+                "clicks.csv", lambda path: parse_rows(read_table(path, CLICK_COLUMNS), parse_click, self.warn)
             )
             or []
         )
@@ -164,7 +164,7 @@ class FlightFolder:
     def targets_truth(self) -> dict[str, TargetTruth]:
         """``targets_truth.csv`` by target; unusable lines are left out with a warning."""
         targets = self._optional(
-            "targets_truth.csv", lambda path: parse_rows(read_table(path, TARGET_COLUMNS), parse_target, self._warn)
+            "targets_truth.csv", lambda path: parse_rows(read_table(path, TARGET_COLUMNS), parse_target, self.warn)
         )
         return {target.target: target for target in targets or []}
 
@@ -173,7 +173,7 @@ class FlightFolder:
         return iter_tlog(self.telemetry_path)
 
     def telemetry_span(self) -> tuple[int, int]:
-        """First and last time of the telemetry, Unix microseconds."""
+        """First and last time of the telemetry, Unix microseconds, the earlier of its two ends first."""
         span = tlog_span(self.telemetry_path)
         if span is None:
             raise FlightFolderError(
@@ -181,13 +181,14 @@ class FlightFolder:
                 "holds no MAVLink packet",
                 "it must be repeated [uint64 big-endian Unix microseconds][packet]",
             )
-        return span
+        return min(span), max(span)
 
     def is_gps_denied(self, t_unix_us: int) -> bool:
         """Whether GPS is withheld at a time."""
         return any(start_us <= t_unix_us <= end_us for start_us, end_us in self.meta.gps_denied)
 
-    def _warn(self, message: str) -> None:
+    def warn(self, message: str) -> None:
+        """Add a warning, once."""
         if message not in self.warnings:
             self.warnings.append(message)
 
@@ -198,7 +199,7 @@ class FlightFolder:
         try:
             return read(path)
         except FlightFolderError as error:
-            self._warn(f"{error} (done without it)")
+            self.warn(f"{error} (done without it)")
             return None
 
     def _named(self, field: str, name: str | None) -> Path | None:
@@ -243,7 +244,7 @@ class FlightFolder:
             ) from error
         for denied_start_us, denied_end_us in self.meta.gps_denied:
             if denied_start_us > end_us or denied_end_us < start_us:
-                self._warn(
+                self.warn(
                     f"{self.path / 'flight.json'}: gps_denied: [{denied_start_us}, {denied_end_us}] lies outside the "
                     f"telemetry, which runs from {start_us} to {end_us}"
                 )
@@ -251,7 +252,7 @@ class FlightFolder:
     def _check_frames(self) -> None:
         times = self.frame_times()
         if self.video_path is None:
-            self._warn(f"{self.path}: has no video")
+            self.warn(f"{self.path}: has no video")
             return
         pictures = self.frame_files()
         if self.video_path.is_dir() and not pictures:
@@ -284,7 +285,7 @@ class FlightFolder:
         offset_us = self.time_offset_us or 0
         if first_us + offset_us <= end_us and (last_us is None or last_us + offset_us >= start_us):
             if last_us is None and first_us + offset_us < start_us - 86_400_000_000:
-                self._warn(f"{self.path}: {what} is more than a day before the telemetry")
+                self.warn(f"{self.path}: {what} is more than a day before the telemetry")
             return
         ratio = first_us / max(start_us, 1)
         unit = next((name for name, size in (("seconds", 1e-6), ("milliseconds", 1e-3)) if 0.5 < ratio / size < 2), "")
@@ -307,9 +308,9 @@ class FlightFolder:
                 field="frame",
             )
         if listed - there:
-            self._warn(f"{self.video_path}: {len(listed - there)} pictures that frames.csv lists are missing")
+            self.warn(f"{self.video_path}: {len(listed - there)} pictures that frames.csv lists are missing")
         if there - listed:
-            self._warn(f"{self.path / 'frames.csv'}: {len(there - listed)} pictures have no time and are left out")
+            self.warn(f"{self.path / 'frames.csv'}: {len(there - listed)} pictures have no time and are left out")
 
 
 def _read_meta(folder: Path) -> FlightMeta:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from backend.link.events import LinkEvent
 from backend.link.link import VehicleLink
@@ -10,6 +10,45 @@ from backend.link.link import VehicleLink
 _TICK_US = 200_000
 # A silence is told as it is while it is short; a longer one is a hole in the log, and its ends tell enough.
 _LONGEST_SILENCE_TICKS = 50
+# Relays and loggers with several sources swap packets by this much; what lies further back is of another clock.
+_SWAPPED_US = 1_000_000
+_LEAP_US = 10_000_000
+
+Entry = tuple[int, bytes]
+
+
+def running_forward(entries: Iterable[Entry], warn: Callable[[str], None]) -> Iterator[Entry]:
+    """A log without what would turn its time back: single records with a time far ahead, and records far behind.
+
+    ``warn`` is told at the end how many were left out, and from when on.
+    """
+    newest_us: int | None = None
+    held: Entry | None = None
+    left_out: list[int] = []
+    for entry in entries:
+        t_us = entry[0]
+        if held is not None:
+            # A leap, and the first of all, is believed when its successor is there, too.
+            if abs(t_us - held[0]) <= _LEAP_US:
+                newest_us = held[0]
+                yield held
+            else:
+                left_out.append(held[0])
+            held = None
+        if newest_us is None or t_us - newest_us > _LEAP_US:
+            held = entry
+        elif newest_us - t_us > _SWAPPED_US:
+            left_out.append(t_us)
+        else:
+            newest_us = max(newest_us, t_us)
+            yield entry
+    if held is not None:
+        yield held
+    if left_out:
+        warn(
+            f"time does not run forward: {len(left_out)} packets are left out, the first of them from {left_out[0]}; "
+            "was the clock set while it was recorded?"
+        )
 
 
 class LinkReplay:

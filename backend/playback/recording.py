@@ -18,6 +18,7 @@ from backend.link.events import (
     TelemetrySpeed,
 )
 from backend.link.link import VehicleLink
+from backend.link.tlog import running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from backend.video.recorded import RecordedVideo
 from estimator.types import CameraAttitudeSample, GnssSample, HomeSample
@@ -76,10 +77,15 @@ def read_recording(path: Path, progress: Callable[[float], None]) -> FlightRecor
     folder = FlightFolder.open(path)
     reader = _Reader(folder)
     start_us, end_us = folder.telemetry_span()
-    for packets, (t_us, data) in enumerate(folder.telemetry()):
+    span_us: tuple[int, int] | None = None
+    entries = running_forward(folder.telemetry(), lambda what: folder.warn(f"{folder.telemetry_path}: {what}"))
+    for packets, (t_us, data) in enumerate(entries):
         if packets % 2000 == 0:
-            progress(0.9 * min((t_us - start_us) / max(end_us - start_us, 1), 1.0))
+            progress(0.9 * min(max((t_us - start_us) / max(end_us - start_us, 1), 0.0), 1.0))
+        span_us = (t_us, t_us) if span_us is None else (min(span_us[0], t_us), max(span_us[1], t_us))
         reader.take(t_us, data)
+    reader.sort()
+    start_us, end_us = span_us or (start_us, end_us)
     video = None if folder.video_path is None else RecordedVideo.open(folder.video_path)
     index, times = ([], []) if video is None else _frame_times(folder, video)
     if times:
@@ -103,6 +109,12 @@ class _Reader:
         self._link = VehicleLink(passive=True)
         self._system_id = folder.meta.vehicle.system_id
         self._now = Telemetry(vehicle_type=folder.meta.vehicle.type)
+
+    def sort(self) -> None:
+        """Put in order what a relay swapped."""
+        self.telemetry.sort(key=lambda entry: entry.t_us)
+        self.gps.sort(key=lambda reading: reading.t_us)
+        self.gimbal_reports.sort(key=lambda report: report.t_us)
 
     def take(self, t_us: int, data: bytes) -> None:
         for event in self._link.receive(data, t_us):

@@ -14,7 +14,7 @@ import numpy as np
 
 from backend.errors import StationError
 from backend.link.events import SampleEvent
-from backend.link.tlog import LinkReplay
+from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.replay.report import write_report
@@ -113,7 +113,8 @@ def _samples(folder: FlightFolder, leave_out: frozenset[int]) -> Iterator[Sample
     """The estimator's samples in the order of the log, with nothing from GPS inside the denied intervals."""
     link = LinkReplay()
     wanted = folder.meta.vehicle.system_id
-    for t_us, packet in folder.telemetry():
+    entries = running_forward(folder.telemetry(), lambda what: folder.warn(f"{folder.telemetry_path}: {what}"))
+    for t_us, packet in entries:
         if leave_out and _message_id(packet) in leave_out:
             continue
         for event in link.feed(t_us, packet):

@@ -6,9 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from backend.link.events import LinkEvent, LinkStats, SampleEvent, TelemetryHeartbeat, VehicleAppeared, VehicleRebooted
-from backend.link.tlog import LinkReplay
+from backend.link.tlog import LinkReplay, running_forward
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import euler_from_q, matrix_from_euler, wrap_pi
 from estimator.types import (
@@ -247,3 +249,42 @@ def test_barometer_against_truth(truth: np.ndarray) -> None:
     # Set to the standard atmosphere, with a drift of some metres over the flight and 0.1 m of noise.
     assert np.abs(offset_m).max() < 6.0
     assert np.std(np.diff(offset_m)) < 0.5
+
+
+S_US = 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("times_s", "kept_s"),
+    [
+        ([1, 2, 3], [1, 2, 3]),
+        ([1, 2, 1.5, 3], [1, 2, 1.5, 3]),  # swapped by a relay: the link sees to that
+        ([1, 2, 3700, 3, 4], [1, 2, 3, 4]),  # one wrong time far ahead
+        ([1, 2, 0, 3, 4], [1, 2, 3, 4]),
+        ([0, 3600, 3601], [3600, 3601]),  # the clock was set after the first packet
+        ([1, 2, 3600, 3601, 3602], [1, 2, 3600, 3601, 3602]),  # a silence of an hour
+        ([3600, 3601, 1, 2, 3], [3600, 3601]),  # set back for good
+        ([1, 2, 3700], [1, 2, 3700]),
+        ([5], [5]),
+        ([], []),
+    ],
+)
+def test_what_turns_the_time_of_a_log_back_is_left_out(times_s: list[float], kept_s: list[float]) -> None:
+    entries = [(round(1e15 + t * S_US), str(n).encode()) for n, t in enumerate(times_s)]
+    warnings: list[str] = []
+    kept = list(running_forward(entries, warnings.append))
+
+    assert [(t - 1e15) / S_US for t, _ in kept] == kept_s
+    assert set(kept) <= set(entries)
+    lost = len(times_s) - len(kept_s)
+    assert len(warnings) == (1 if lost else 0)
+    assert not lost or f"{lost} packets" in warnings[0]
+
+
+@given(st.lists(st.integers(0, 10**9), max_size=60))
+def test_no_log_can_turn_time_back_by_more_than_a_swap(times_us: list[int]) -> None:
+    kept = [t for t, _ in running_forward([(t, b"") for t in times_us], lambda _: None)]
+    newest = 0
+    for t_us in kept:
+        assert newest - t_us <= S_US
+        newest = max(newest, t_us)
