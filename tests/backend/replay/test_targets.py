@@ -1,0 +1,84 @@
+"""Recorded clicks become targets: where they must, and nowhere else."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import pytest
+from numpy.testing import assert_allclose
+
+from backend.replay.offline import replay_flight
+from geodata.flight import FlightFolder
+from geodata.flight_tables import Click
+from tests.backend.flight_maker import CAMERA, GROUND_M, HEIGHT_M, LON_DEG, T0_US
+from tests.backend.replay.flown import EARTH_M, lat_deg_at, write_known_flight
+
+CENTRE = (CAMERA.cx_px or 0.0, CAMERA.cy_px or 0.0)
+AT_US = T0_US + 6_000_000
+
+
+def located(folder: Path, *clicks: Click) -> dict[str, dict[str, str]]:
+    flight = write_known_flight(folder / "f", clicks=clicks)
+    replay_flight(flight, folder / "out")
+    with (folder / "out" / "targets.csv").open(newline="") as file:
+        return {row["target"]: row for row in csv.DictReader(file)}
+
+
+def test_a_click_below_and_one_ahead_lie_where_the_ray_meets_the_ground(tmp_path: Path) -> None:
+    """The camera looks straight down with its top forward: 60 px up at a focal length of 300 are 20 m ahead."""
+    found = located(
+        tmp_path, Click(AT_US, *CENTRE, "below"), Click(AT_US, CENTRE[0], CENTRE[1] - 60.0, "ahead"),
+        Click(AT_US, CENTRE[0] + 60.0, CENTRE[1], "right"),
+    )  # fmt: skip
+    lat = lat_deg_at(AT_US)
+    metre_deg = math.degrees(1.0 / EARTH_M)
+    east_deg = metre_deg / math.cos(math.radians(lat))
+    places = {
+        "below": (lat, LON_DEG),
+        "ahead": (lat + 20 * metre_deg, LON_DEG),
+        "right": (lat, LON_DEG + 20 * east_deg),
+    }
+
+    assert set(found) == set(places)
+    for name, (lat_deg, lon_deg) in places.items():
+        # 0.1 m
+        assert_allclose(float(found[name]["lat_deg"]), lat_deg, atol=0.1 * metre_deg)
+        assert_allclose(float(found[name]["lon_deg"]), lon_deg, atol=0.1 * east_deg)
+        assert_allclose(float(found[name]["alt_amsl_m"]), GROUND_M, atol=0.05)
+        assert found[name]["method"] == "ray_terrain"
+        assert 0.0 < float(found[name]["ce90_m"]) < HEIGHT_M / 5
+
+
+def test_more_clicks_on_one_target_are_counted_and_not_overrated(tmp_path: Path) -> None:
+    """All share the pose's error: ten looks at once are not surer than the best of them."""
+    once = located(tmp_path / "a", Click(AT_US, *CENTRE, "t"))
+    often = located(tmp_path / "b", *[Click(AT_US, *CENTRE, "t")] * 10)
+
+    assert often["t"]["observations"] == "10"
+    assert float(often["t"]["ce90_m"]) == float(once["t"]["ce90_m"])
+    assert_allclose(float(often["t"]["lat_deg"]), float(once["t"]["lat_deg"]), atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "click",
+    [
+        Click(T0_US - 5_000_000, *CENTRE, "before the flight"),
+        Click(T0_US + 99_000_000, *CENTRE, "after the flight"),
+        Click(AT_US, -3.0, 50.0, "outside the picture"),
+        Click(AT_US, 50.0, 1e9, "far outside"),
+    ],
+)
+def test_a_click_that_shows_nothing_known_makes_no_target(tmp_path: Path, click: Click) -> None:
+    found = located(tmp_path, Click(AT_US, *CENTRE, "good"), click)
+
+    assert set(found) == {"good"}
+
+
+def test_without_a_camera_there_are_no_targets(tmp_path: Path) -> None:
+    write_known_flight(tmp_path / "f", camera=None, clicks=(Click(AT_US, *CENTRE, "t"),))
+    result = replay_flight(FlightFolder.open(tmp_path / "f"), tmp_path / "out")
+
+    assert result.report["targets"] == 0
+    assert (tmp_path / "out" / "targets.csv").read_text().startswith("target,lat_deg,lon_deg,alt_amsl_m,ce90_m")
