@@ -83,7 +83,7 @@ class ReplayRequest(_Body):
     """How to replay a flight."""
 
     speed: float = Field(default=1.0, ge=0.1, le=16)
-    start_s: float = Field(default=0.0, ge=0)
+    start_s: float = Field(default=0.0, ge=0, allow_inf_nan=False)
 
 
 class ReplayChange(_Body):
