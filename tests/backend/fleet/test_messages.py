@@ -1,0 +1,79 @@
+"""What the stream says of a state: degrees, null where nothing is known, the footprint on the ground."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import orjson
+from numpy.testing import assert_allclose
+
+from backend.fleet.messages import fix_fields, footprint, state_fields
+from backend.navigation.setup import CameraProfile, MapFiles, NavigationSetup, Place, build_setup
+from estimator.geometry.local import LocalFrame
+from estimator.geometry.rotation import q_from_euler
+from estimator.types import FixReport
+from geodata.flight_meta import MapMeta
+from tests.backend.flight_maker import CAMERA, GROUND_M, HEIGHT_M, LAT_DEG, LON_DEG, SIZE, T0_US, state
+
+
+def setup() -> NavigationSetup:
+    profile = CameraProfile(CAMERA, MapMeta(ground_alt_amsl_m=GROUND_M), None)
+    here = Place(math.radians(LAT_DEG), math.radians(LON_DEG), GROUND_M)
+    return build_setup(profile, MapFiles(None, None, None, None), here)
+
+
+def test_the_footprint_is_what_the_camera_sees() -> None:
+    """Straight down from 100 m with 300 px of focal length: 320 x 240 px are 106.7 m across and 80 m along."""
+    corners = footprint(state(T0_US), setup())
+    frame = LocalFrame(math.radians(LAT_DEG), math.radians(LON_DEG), GROUND_M)
+
+    assert corners is not None
+    ne = frame.ne_from_geodetic(*np.radians(np.array(corners)).T)
+    half_e, half_n = 0.5 * SIZE[0] / 3.0, 0.5 * SIZE[1] / 3.0
+    # flight_maker's camera looks down with the top of its picture to the east
+    size = sorted([np.ptp(ne[:, 0]), np.ptp(ne[:, 1])])
+    assert_allclose(size, [2 * half_n, 2 * half_e], atol=0.01)
+    assert_allclose(ne.mean(axis=0), [0.0, 0.0], atol=0.01)
+    assert HEIGHT_M == 100.0
+
+
+def test_a_camera_that_sees_the_sky_or_has_no_ground_has_no_footprint() -> None:
+    level = replace(state(T0_US), q_ned_from_camera=q_from_euler(0.0, math.pi / 2, 0.0))
+
+    assert footprint(level, setup()) is None
+    assert footprint(replace(state(T0_US), alt_agl_m=math.nan), setup()) is None
+    assert footprint(replace(state(T0_US), alt_agl_m=-1.0), setup()) is None
+
+
+def test_numbers_that_are_none_become_null() -> None:
+    """JSON has neither NaN nor infinity; a browser would refuse the whole message."""
+    unknown = replace(
+        state(T0_US), alt_agl_m=math.nan, last_fix_age_s=math.inf, cov_pos_ned_m2=np.full((3, 3), np.nan),
+        vel_ned_m_s=np.array([math.nan, 0.0, 0.0]),
+    )  # fmt: skip
+    fields = json.loads(orjson.dumps(state_fields(unknown, 1, False, setup())))
+
+    nothing = ("alt_agl_m", "last_fix_age_s", "std_n_m", "cov_ne_m2", "ellipse95", "vn_m_s", "ground_speed_m_s")
+    assert {name for name in nothing if fields[name] is not None} == set()
+    assert (fields["footprint"], fields["ve_m_s"]) == (None, 0.0)
+
+
+def test_a_heading_is_never_negative() -> None:
+    assert state_fields(state(T0_US, yaw_rad=-0.1), 1, False, None)["heading_deg"] == 360.0 - math.degrees(0.1)
+
+
+def test_a_refused_fix_has_no_place() -> None:
+    frame = LocalFrame(math.radians(LAT_DEG), math.radians(LON_DEG), GROUND_M)
+    refused = FixReport(
+        t_us=T0_US, kind="registration", accepted=False, reason="flat", north_m=math.nan, east_m=math.nan,
+        cov_ne_m2=np.full((2, 2), np.nan), score=math.nan, outlier_probability=1.0, heading_correction_rad=0.0,
+        scale_correction=1.0, frame_id=3, elapsed_ms=4.0,
+    )  # fmt: skip
+    fields = fix_fields(refused, frame)
+    accepted = fix_fields(replace(refused, accepted=True, north_m=0.0, east_m=0.0, cov_ne_m2=np.eye(2)), frame)
+
+    assert (fields["lat_deg"], fields["lon_deg"], fields["cov_ne_m2"], fields["score"]) == (None, None, None, None)
+    assert_allclose([accepted["lat_deg"], accepted["lon_deg"]], [LAT_DEG, LON_DEG], atol=1e-9)
