@@ -33,7 +33,12 @@ class RunningStation:
         return self.address.replace("http://", "ws://")
 
     def stream(self, **options: Any) -> Any:
-        return websockets.connect(f"{self.sockets}/api/v1/stream", max_size=None, **options)
+        # With a bounded queue an unread client does not see the answer to its own farewell, and waits 10 s for it.
+        return websockets.connect(f"{self.sockets}/api/v1/stream", **{"max_size": None, "max_queue": None, **options})
+
+    def video(self, source: str) -> Any:
+        """A viewer; ``source`` may have a query."""
+        return websockets.connect(f"{self.sockets}/api/v1/video/{source}", max_size=None, max_queue=None)
 
 
 class _Server(uvicorn.Server):

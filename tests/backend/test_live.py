@@ -1,100 +1,13 @@
 """A live vehicle over real sockets: what the station makes of it, and of garbage beside it."""
 
-import asyncio
-import contextlib
-import json
 import random
 import socket
-import struct
-from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
 
-import websockets
-from pymavlink.dialects.v20 import ardupilotmega as dialect
-
-from backend.clock import unix_us
 from backend.demo import free_udp_ports
-from simulator.video_out import H264TsSender
-from tests.backend.flight_maker import CAMERA, LAT_DEG, LON_DEG, SIZE
-from tests.backend.link.wire import Sender, parsed
-from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
-from tests.backend.video.pictures_with_numbers import picture_with_number
-
-
-class Aircraft:
-    """Sends heartbeats, attitude, GPS and pictures of rising numbers, and answers commands."""
-
-    def __init__(self, mavlink_port: int, video_port: int) -> None:
-        self.wire = Sender()
-        self.received: list[Any] = []
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._socket.setblocking(False)
-        self._target = ("127.0.0.1", mavlink_port)
-        self._video = H264TsSender("127.0.0.1", video_port, *SIZE, fps=25.0)
-        self._count = 0
-
-    def send(self, data: bytes) -> None:
-        self._socket.sendto(data, self._target)
-
-    def step(self) -> None:
-        self._count += 1
-        t_boot_ms = self._count * 20
-        if self._count % 10 == 1:
-            self.send(self.wire.heartbeat(base_mode=0x81 | 32))
-            home = dialect.MAVLink_home_position_message(
-                round(LAT_DEG * 1e7), round(LON_DEG * 1e7), 400_000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0
-            )
-            self.send(self.wire.pack(home))
-            gps = dialect.MAVLink_gps_raw_int_message(
-                t_boot_ms * 1000, 3, round(LAT_DEG * 1e7), round(LON_DEG * 1e7), 500_000, 80, 80, 0, 0, 12
-            )
-            self.send(self.wire.pack(gps))
-        self.send(self.wire.attitude(t_boot_ms))
-        self._video.send(picture_with_number(self._count % 100, SIZE), unix_us())
-        with contextlib.suppress(BlockingIOError):
-            while True:
-                for message in parsed([self._socket.recv(2048)]):
-                    self.received.append(message)
-                    if message.get_type() in ("COMMAND_LONG", "COMMAND_INT"):
-                        self.send(self.wire.ack(message.command, 0))
-
-    def close(self) -> None:
-        self._socket.close()
-        self._video.close()
-
-
-@contextlib.asynccontextmanager
-async def flying(tmp_path: Path) -> AsyncIterator[tuple[RunningStation, Aircraft, Any]]:
-    """A station, an aircraft that sends to it until the end, and a stream that was open before the aircraft came."""
-    mavlink_port, video_port = free_udp_ports(2)
-    camera = tmp_path / "camera.json"
-    camera.write_text(json.dumps({"camera": CAMERA.model_dump(), "map": {"ground_alt_amsl_m": 400.0}}))
-    aircraft = Aircraft(mavlink_port, video_port)
-
-    async def fly() -> None:
-        while True:
-            aircraft.step()
-            await asyncio.sleep(0.02)
-
-    async with running_station(
-        tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",), video=f"udp://127.0.0.1:{video_port}",
-        camera=camera,
-    ) as running, running.stream() as stream:  # fmt: skip
-        await next_of(stream, "hello")
-        task = asyncio.create_task(fly())
-        try:
-            yield running, aircraft, stream
-        finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
-            aircraft.close()
-
-
-async def frame_header(video: Any) -> dict[str, Any]:
-    packet = await asyncio.wait_for(video.recv(), PATIENCE_S)
-    (length,) = struct.unpack(">I", packet[:4])
-    return dict(json.loads(packet[4 : 4 + length]))
+from tests.backend.aircraft import flying, frame_header
+from tests.backend.flight_maker import LAT_DEG
+from tests.backend.station_runner import next_of, running_station
 
 
 async def test_vehicle_video_and_gps_reach_a_browser(tmp_path: Path) -> None:
@@ -104,7 +17,7 @@ async def test_vehicle_video_and_gps_reach_a_browser(tmp_path: Path) -> None:
         telemetry = await next_of(stream, "telemetry")
         link = await next_of(stream, "link")
         video = await next_of(stream, "video")
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-1") as pictures:
+        async with running.video("cam-1") as pictures:
             first = await frame_header(pictures)
             second = await frame_header(pictures)
         jpeg = await running.client.get(f"/api/v1/video/cam-1/frames/{first['frame_id']}.jpg")
@@ -158,7 +71,7 @@ async def test_garbage_on_every_link_stops_nothing(tmp_path: Path) -> None:
         while not noisy["noise_bytes"]:
             noisy = await next_of(stream, "link")
         gps = await next_of(stream, "gps")
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-1") as pictures:
+        async with running.video("cam-1") as pictures:
             seen = [await frame_header(pictures) for _ in range(10)]
         health = await running.client.get("/healthz")
 
@@ -207,7 +120,7 @@ async def test_a_recording_of_live_data_is_a_flight(tmp_path: Path) -> None:
 async def test_a_click_without_a_known_position_says_why(tmp_path: Path) -> None:
     async with flying(tmp_path) as (running, _, stream):
         await next_of(stream, "gps")
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-1") as pictures:
+        async with running.video("cam-1") as pictures:
             frame = await frame_header(pictures)
         click = {"vehicle_id": "1", "frame_id": frame["frame_id"], "u_px": 10, "v_px": 10}
         early = await running.client.post("/api/v1/targets", json=click)

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 import typer
+from rasterio.transform import from_origin
 from typer.testing import CliRunner, Result
 
 from geodata.cli import library_folder, register
@@ -54,6 +57,44 @@ def test_failures_exit_with_one_and_a_line_that_names_the_file(tmp_path: Path) -
         assert "error: " in result.stderr
         assert "Traceback" not in result.output
     assert run("map", "import").exit_code == 2
+
+
+def _no_crs(path: Path) -> None:
+    rasters.write(path, np.full((1, 40, 40), 7, np.uint8), crs=None)
+
+
+def _cut(path: Path) -> None:
+    rasters.write(path, np.random.default_rng(1).integers(0, 255, (3, 300, 300), dtype=np.uint8))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 3])
+
+
+def _huge(path: Path) -> None:
+    profile = {"driver": "GTiff", "width": 300_000, "height": 300_000, "count": 1, "dtype": "uint8", "tiled": True}
+    where = {"crs": "EPSG:32632", "transform": from_origin(5e5, 5.2e6, 0.1, 0.1)}
+    with rasterio.open(path, "w", sparse_ok=True, BIGTIFF="YES", **profile, **where):
+        pass
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda path: path.write_bytes(b""), "empty"), (lambda path: path.write_bytes(b"hello"), "cannot be read"),
+        (_no_crs, "coordinate reference system"), (_cut, "truncated or damaged"), (_huge, "more than"),
+    ],
+    ids=["empty", "text", "no CRS", "cut", "huge"],
+)  # fmt: skip
+def test_a_raster_that_is_no_map_is_refused_in_a_line_and_leaves_nothing(
+    tmp_path: Path, make: Callable[[Path], object], words: str
+) -> None:
+    make(tmp_path / "bad.tif")
+    result = run("map", "import", tmp_path / "bad.tif", "--data-dir", tmp_path / "data")
+
+    assert result.exit_code == 1
+    assert "bad.tif" in result.stderr
+    assert words in result.stderr.replace("\n", " ")
+    assert "Traceback" not in result.output
+    assert not list((tmp_path / "data").rglob("*.tif"))
+    assert json.loads(run("map", "list", "--json", "--data-dir", tmp_path / "data").stdout) == []
 
 
 def test_library_lies_in_the_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,7 +40,7 @@ def test_a_clock_set_back_makes_no_negative_latency() -> None:
 )
 async def test_what_cannot_be_had_is_closed_with_a_reason(tmp_path: Path, path: str, code: int, words: str) -> None:
     async with running_station(tmp_path) as running:
-        async with websockets.connect(f"{running.sockets}/api/v1/video/{path}") as video:
+        async with running.video(path) as video:
             with pytest.raises(websockets.ConnectionClosed) as closed:
                 await video.recv()
         picture = await running.client.get("/api/v1/video/cam-9/frames/1.jpg")

@@ -10,7 +10,6 @@ from typing import Any
 
 import httpx
 import pytest
-import websockets
 from numpy.testing import assert_allclose
 
 from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight
@@ -39,7 +38,7 @@ async def test_a_flight_plays_to_its_end_with_video_tracks_and_state(tmp_path: P
     write_flight(tmp_path / "flights" / "alpha")
     async with running_station(tmp_path) as running:
         started = await running.client.post(FLIGHT, json={"speed": 4.0})
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+        async with running.video("cam-replay-alpha") as video:
             headers = [header_of(await asyncio.wait_for(video.recv(), PATIENCE_S))]
             while headers[-1]["t_unix_us"] < T0_US + 98 * 40_000:
                 headers.append(header_of(await asyncio.wait_for(video.recv(), PATIENCE_S)))
@@ -68,7 +67,7 @@ async def test_a_jump_begins_a_new_epoch_at_the_wanted_time(tmp_path: Path) -> N
         await running.client.post(FLIGHT, json={"speed": 1.0})
         await running.client.patch(REPLAY, json={"paused": True})
         await until(running, lambda replays: replays[0]["progress"] is None)
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+        async with running.video("cam-replay-alpha") as video:
             goal_us = T0_US + 6_200_000
             answer = await running.client.patch(REPLAY, json={"seek_unix_us": goal_us})
             headers: list[dict[str, Any]] = []
@@ -149,7 +148,7 @@ async def test_pictures_without_a_time_are_shown_but_cannot_be_clicked(tmp_path:
     async with running_station(tmp_path) as running:
         await running.client.post(FLIGHT, json={"speed": 0.1})
         headers: list[dict[str, Any]] = []
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha") as video:
+        async with running.video("cam-replay-alpha") as video:
             await running.client.patch(REPLAY, json={"speed": 4.0})
             while not headers or headers[-1]["t_unix_us"] < T0_US + 30 * 40_000:
                 headers.append(header_of(await asyncio.wait_for(video.recv(), PATIENCE_S)))
@@ -183,7 +182,7 @@ async def test_jpeg_viewers_see_frames_with_the_same_identity(tmp_path: Path) ->
     write_flight(tmp_path / "flights" / "alpha")
     async with running_station(tmp_path) as running:
         await running.client.post(FLIGHT, json={"speed": 0.5})
-        async with websockets.connect(f"{running.sockets}/api/v1/video/cam-replay-alpha?codec=jpeg") as video:
+        async with running.video("cam-replay-alpha?codec=jpeg") as video:
             packets = [await asyncio.wait_for(video.recv(), PATIENCE_S) for _ in range(3)]
 
     for packet in packets:
