@@ -60,6 +60,7 @@ class Playback:
         self._jpeg_busy: asyncio.Task[None] | None = None
         self._shown_index = -1
         self._shown_us = recording.start_us
+        self._other_sizes: dict[int, tuple[int, int]] = {}  # of shown pictures that are not of the video's first size
         self._video_done = False
         self._said_us = 0
         self._said_telemetry_us = 0
@@ -173,7 +174,8 @@ class Playback:
         t_us = self.recording.frame_time_us(index)
         if t_us is None:
             raise NoStateForFrameError(self.id, frame_id, "the flight does not say when it was taken")
-        return FrameIdentity(frame_id, t_us, video.width_px, video.height_px)
+        width_px, height_px = self._other_sizes.get(index, (video.width_px, video.height_px))
+        return FrameIdentity(frame_id, t_us, width_px, height_px)
 
     async def jpeg(self, frame_id: int) -> bytes:
         """A frame of the flight as JPEG; FrameGoneError for others."""
@@ -306,6 +308,9 @@ class Playback:
 
     def _show(self, packet: RecordedPacket, t_us: int) -> None:
         self._shown_index = packet.index
+        video, size_px = self.recording.video, (packet.width_px, packet.height_px)
+        if video is not None and size_px != (video.width_px, video.height_px):
+            self._other_sizes[packet.index] = size_px
         frame = EncodedFrame(
             self.epoch * self._stride + packet.index, self.epoch, t_us, unix_us(), packet.codec, packet.codec_string,
             packet.key, packet.width_px, packet.height_px, packet.payload,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from backend.errors import StationError
+from backend.fleet.cameras import fitted
 from backend.link.events import SampleEvent
 from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
@@ -23,7 +24,7 @@ from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
 from estimator.navigator import Navigator, NavigatorConfig
-from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, NavigationState, Sample
+from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, Image, NavigationState, Sample
 from geodata.flight import FlightFolder
 from geodata.flight_write import CsvAppender
 
@@ -148,6 +149,7 @@ class _Run:
         self.fixes: list[FixReport] = []
         self.frames = 0
         self.frames_untimed = 0
+        self.frames_misshapen = 0
         self.decode_s = 0.0
         self._setup = setup
         self._samples = _samples(folder, options.leave_out)
@@ -204,7 +206,9 @@ class _Run:
                 self.frames_untimed += 1
                 continue
             t_us += self.time_offset_us
-            self._check_size(frame)
+            image = self._at_size(frame)
+            if image is None:
+                continue
             if last_us is None:
                 last_us = min(t_us, self._next.t_us if self._next is not None else t_us)
             while t_us - last_us > 2 * STATE_INTERVAL_US:
@@ -212,16 +216,23 @@ class _Run:
                 yield FrameSample(last_us, -1, np.empty((0, 0), dtype=np.uint8))
             last_us = max(last_us, t_us)
             self.frames += 1
-            yield FrameSample(t_us, frame.index, frame.image)
+            yield FrameSample(t_us, frame.index, image)
 
-    def _check_size(self, frame: RecordedFrame) -> None:
-        camera = self._setup.camera
-        if frame.image.shape[:2] != (camera.height_px, camera.width_px):
+    def _at_size(self, frame: RecordedFrame) -> Image | None:
+        """The picture at the camera's size, as live; None where its shape contradicts the camera in mid-flight."""
+        camera, meta = self._setup.camera, self.folder.camera
+        if not self.frames and frame.image.shape[:2] != (camera.height_px, camera.width_px):
             rows, cols = frame.image.shape[:2]
             raise ReplayError(
                 f"{self.folder.path}: the video's pictures are {cols} x {rows} px but camera in flight.json says "
                 f"{camera.width_px} x {camera.height_px} px; give the camera of this video"
             )
+        image, problem = fitted(frame.image, meta)
+        if problem is not None:
+            if not self.frames_misshapen:
+                self.folder.warn(f"{self.folder.path}: from picture {frame.index} on {problem}")
+            self.frames_misshapen += 1
+        return image
 
 
 def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:
@@ -260,7 +271,7 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
         "flight": folder.name,
         "estimator": {"process_models": sorted({s.process_model for s in run.states})},
         "errors": None if evaluation is None else evaluation.as_dict(),
-        "frames": {"used": run.frames, "without_time": run.frames_untimed},
+        "frames": {"used": run.frames, "without_time": run.frames_untimed, "of_another_shape": run.frames_misshapen},
         "fixes": {"attempted": len(run.fixes), "accepted": accepted, "refused": _reasons(run.fixes)},
         "samples": run.navigator.counts,
         "modes": {mode: modes.count(mode) / len(modes) for mode in sorted(set(modes))},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +73,21 @@ def write_flight(folder: Path, seconds: float = 4.0, with_estimate: bool = True,
     if close:
         writer.close()
     return writer
+
+
+def write_recording_with_faulty_video(folder: Path) -> None:
+    """14 s of telemetry, 10 s of video, 2 s each: good, twice as large, of another shape, as before, frozen."""
+    from tests.backend.replay.flown import packets
+
+    folder.mkdir(parents=True)
+    writer = FlightWriter(folder, plan(), folder.name)
+    for t_us, data in packets(14.0):
+        writer.packet(t_us, data)
+    for part, size in enumerate((SIZE, (640, 480), (352, 288), SIZE)):
+        for frame in encoded_frames(50, size, t0_us=T0_US + part * 2_000_000):
+            writer.frame(frame)
+    still = encoded_frames(1, SIZE)[0]  # a key frame: the same picture each time
+    for n in range(50):
+        writer.frame(replace(still, t_us=T0_US + 8_000_000 + n * 40_000))
+    writer.close()
+    (folder / "estimate.csv").unlink()

@@ -12,7 +12,7 @@ import httpx
 import pytest
 from numpy.testing import assert_allclose
 
-from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight
+from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight, write_recording_with_faulty_video
 from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
 
 FLIGHT = "/api/v1/flights/alpha/replay"
@@ -113,6 +113,45 @@ async def test_a_click_on_a_replayed_frame_uses_the_state_at_its_exposure(tmp_pa
     assert picture.content.startswith(b"\xff\xd8")
     assert unknown.status_code == 404
     assert outside.status_code == 400
+
+
+async def test_video_that_changes_size_freezes_and_stops_plays_to_the_end(tmp_path: Path) -> None:
+    """
+    Fault: the recorded video doubles its size, takes another shape, freezes and ends before the telemetry does.
+    Expected: every picture is shown under its own size, clicks use that size, and where the shape contradicts the
+    camera they say so; the replay goes on to the end of the telemetry, and other requests are served.
+    """
+    write_recording_with_faulty_video(tmp_path / "flights" / "alpha")
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 0.1})
+        sizes: dict[int, tuple[int, int]] = {}
+        async with running.video("cam-replay-alpha") as video:
+            await running.client.patch(REPLAY, json={"speed": 16.0})
+            while max(sizes, default=0) < 250 + 249:
+                header = header_of(await asyncio.wait_for(video.recv(), PATIENCE_S))
+                sizes[header["frame_id"]] = (header["width"], header["height"])
+        (replay,) = await until(running, lambda replays: replays[0]["ended"] and replays[0]["progress"] is None)
+        answers = [
+            await running.client.post(
+                "/api/v1/targets", json={"vehicle_id": "replay-alpha", "frame_id": 250 + n, "u_px": u, "v_px": v}
+            )
+            for n, u, v in ((90, 319.5, 239.5), (190, 159.5, 119.5), (140, 100.0, 100.0))
+        ]
+
+    assert [sizes[250 + n] for n in (0, 60, 110, 160, 240)] == [
+        (320, 240),
+        (640, 480),
+        (352, 288),
+        (320, 240),
+        (320, 240),
+    ]
+    assert replay["t_unix_us"] > T0_US + 13_000_000
+    assert [answer.status_code for answer in answers] == [201, 201, 409], [answer.text for answer in answers]
+    centre = [answer.json()["properties"] for answer in answers[:2]]
+    for about in centre:  # the middle of the picture is below the aircraft, 5 m/s north of its start
+        north_m = math.radians(about["lat_deg"] - LAT_DEG) * 6.368e6
+        assert abs(north_m - 5.0 * (about["t_unix_us"] - T0_US) / 1e6) < 3.0
+    assert "352 x 288" in answers[2].json()["detail"]
 
 
 async def test_a_click_with_an_estimate_of_others_says_what_it_assumes(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import random
 from collections.abc import Callable
@@ -14,7 +15,7 @@ from backend.link.dialect import message_layouts
 from backend.replay.offline import ReplayError, ReplayOptions, ReplayResult, replay_flight
 from estimator.types import Mode
 from geodata.flight import FlightFolder
-from tests.backend.flight_maker import SIZE, T0_US, plan, write_flight
+from tests.backend.flight_maker import SIZE, T0_US, plan, write_flight, write_recording_with_faulty_video
 from tests.backend.replay.flown import SPEED_M_S, packets, write_known_flight
 
 S_US = 1_000_000
@@ -178,7 +179,26 @@ def test_pictures_without_a_time_are_counted_and_left_out(tmp_path: Path) -> Non
     (tmp_path / "f" / "telemetry.tlog").write_bytes((tmp_path / "known" / "telemetry.tlog").read_bytes())
     result = _replayed(tmp_path)
 
-    assert result.report["frames"] == {"used": 40, "without_time": 10}
+    assert result.report["frames"] == {"used": 40, "without_time": 10, "of_another_shape": 0}
+
+
+def test_video_that_changes_size_freezes_and_stops_is_replayed_to_the_end_of_the_telemetry(tmp_path: Path) -> None:
+    """
+    Fault: 2 s of pictures, 2 s twice as large, 2 s of another shape, 2 s as at first, 2 s of one still picture, then
+    none while the telemetry goes on for 4 s.
+    Expected: the larger ones are brought to size, the others left out with a warning; states run to the end.
+    """
+    write_recording_with_faulty_video(tmp_path / "f")
+    result = _replayed(tmp_path)
+    times = [state.t_us for state in result.states]
+
+    assert result.report["frames"] == {"used": 200, "without_time": 0, "of_another_shape": 50}
+    (warning,) = result.report["warnings"]
+    assert "from picture 100 on" in warning
+    assert "352 x 288" in warning
+    assert times[-1] > T0_US + 13 * S_US
+    assert max(b - a for a, b in itertools.pairwise(times)) < 500_000
+    assert result.evaluation is None
 
 
 def _replayed(tmp_path: Path, options: ReplayOptions | None = None) -> ReplayResult:
