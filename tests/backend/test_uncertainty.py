@@ -5,6 +5,8 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.stats import norm
 
 from backend.uncertainty import circular_error_m, ellipse95
 
@@ -39,6 +41,18 @@ def test_circle_holds_the_share_it_promises(cov: list[list[float]]) -> None:
     inside = np.mean(np.linalg.norm(samples, axis=1) <= circular_error_m(np.array(cov), 0.9))
 
     assert_allclose(inside, 0.9, atol=0.003)  # four standard errors of the count
+
+
+@pytest.mark.parametrize("minor", [1.0, 0.7, 0.3, 0.1, 0.02, 0.001])
+def test_circle_holds_what_the_distribution_function_says(minor: float) -> None:
+    """Against SciPy: x^2 + y^2 <= r^2, integrated over x with the normal distribution of y."""
+    radius = circular_error_m(np.diag([1.0, minor**2]))
+
+    def inside(x: float) -> float:
+        return float(norm.pdf(x) * (2.0 * norm.cdf(math.sqrt(radius**2 - x**2) / minor) - 1.0))
+
+    share, _ = quad(inside, -radius, radius, limit=500, points=[-radius * 0.999, radius * 0.999])
+    assert_allclose(share, 0.9, atol=1e-5)
 
 
 def test_no_uncertainty_is_no_circle() -> None:
