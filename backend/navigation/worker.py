@@ -209,7 +209,11 @@ class NavigationWorker:
                 if navigator is None and mono_us() >= rebuild_us:
                     navigator = self._build()
                 if navigator is not None:
-                    self._work(navigator, samples)
+                    self._offer(navigator, samples)
+                    # Somebody waits for these, and a step with a registration takes a while.
+                    while questions:
+                        _answer(navigator, questions.pop(0))
+                    self._advance(navigator, bool(samples))
                     if mono_us() - last_state_us >= STATE_INTERVAL_US:
                         last_state_us = mono_us()
                         self._publish(navigator)
@@ -222,15 +226,17 @@ class NavigationWorker:
             for question in questions:
                 _answer(navigator, question)
 
-    def _work(self, navigator: NavigatorLike, samples: list[Sample]) -> None:
+    def _offer(self, navigator: NavigatorLike, samples: list[Sample]) -> None:
         navigator.gps_denied = self._gps_denied
         for sample in samples:
             navigator.offer(sample)
             self.counts.samples += 1
             self.counts.frames += isinstance(sample, FrameSample)
+
+    def _advance(self, navigator: NavigatorLike, has_news: bool) -> None:
         started_us = mono_us()
         reports = navigator.advance(self._now_us() - self.delay_us)
-        if samples:
+        if has_news:
             self.counts.advance_ms.append((mono_us() - started_us) / 1e3)
         if reports:
             self._on_reports(reports)

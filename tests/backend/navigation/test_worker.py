@@ -75,6 +75,39 @@ class Running:
             assert self.said.wait_for(condition, PATIENCE_S)
 
 
+def test_a_question_does_not_wait_for_the_step_that_comes_with_it() -> None:
+    """A click and a sample wait together: the click is answered, with the sample known, before the long step begins."""
+    navigator, building, built = Recording(), threading.Event(), threading.Event()
+
+    def build() -> Recording:
+        building.set()
+        assert built.wait(PATIENCE_S)
+        return navigator
+
+    running = Running(build)
+    running.worker.offer(BarometerSample(1, 0.0))
+    assert building.wait(PATIENCE_S)
+    running.worker.offer(BarometerSample(2, 0.0))
+    answer = running.worker.state_at(900)
+    first_step = navigator.advance
+
+    def advance(t_us: int) -> list[FixReport]:
+        if len(navigator.offered) > 1:
+            navigator.gate.clear()  # the second step takes until the answer is there
+        return first_step(t_us)
+
+    navigator.advance = advance  # type: ignore[method-assign]
+    built.set()
+    try:
+        found = answer.result(PATIENCE_S / 2)
+    finally:
+        navigator.gate.set()
+        running.worker.close()
+
+    assert found is not None
+    assert found.t_us == 900
+
+
 def test_samples_reach_the_estimator_in_order() -> None:
     navigator = Recording()
     running = Running(lambda: navigator)
