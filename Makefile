@@ -40,7 +40,7 @@ check: setup
 	cd frontend && npm run check
 
 bench: setup
-	$(BIN)/python -m benchmarks
+	$(BIN)/pilotage bench
 
 clean:
 	rm -rf $(VENV) .stamps frontend/node_modules frontend/dist
