@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,12 +18,16 @@ from rich.table import Table
 
 from backend.errors import StationError
 from backend.link.dialect import message_layouts
+from backend.replay.live import Downlink, moments, play
 from backend.replay.offline import ReplayOptions, ReplayResult, replay_flight
+from backend.transports.address import Connection
+from backend.transports.base import TransportError
 from backend.video.errors import VideoError
 from estimator.navigator import NavigatorConfig
 from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
+DEFAULT_VIDEO = "udp://127.0.0.1:5600"
 LeaveOut = Annotated[
     list[str] | None, typer.Option("--leave-out", help="A MAVLink message to take out of the log; repeatable.")
 ]
@@ -39,15 +44,33 @@ def register(app: typer.Typer) -> None:
 
 def replay(
     flight: Annotated[Path, typer.Argument(help="A flight folder, the one that holds flight.json.")],
-    out: Annotated[Path, typer.Option("--out", help="Folder for estimate.csv, fixes.csv, targets.csv and reports.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for estimate.csv, fixes.csv, targets.csv and reports.")
+    ] = None,
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Instead: send telemetry and video to a running station, in real time.")
+    ] = False,
+    mavlink: Annotated[str, typer.Option(help="With --live: where MAVLink goes.")] = "udpout:127.0.0.1:14550",
+    video: Annotated[str, typer.Option(help="With --live: where MPEG-TS goes; none sends none.")] = DEFAULT_VIDEO,
+    start_s: Annotated[float, typer.Option(min=0.0, help="With --live: begin so long after its beginning.")] = 0.0,
 ) -> None:
-    """Run the estimator over a recorded flight, as fast as it goes.
+    """Run the estimator over a recorded flight, as fast as it goes; or play it into a running station.
 
-    Example: pilotage replay flights/2026-05-01 --out results
+    Examples: pilotage replay flights/2026-05-01 --out results
+
+    pilotage replay flights/2026-05-01 --live
     """
     console = Console(stderr=True)
+    if live:
+        if out is not None or leave_out or time_offset_s is not None:
+            raise typer.BadParameter("--live goes with --mavlink, --video and --start-s only")
+        with _reported_errors(console):
+            _play_live(flight, mavlink, video, start_s, console)
+        return
+    if out is None:
+        raise typer.BadParameter("say where the results go with --out DIR, or give --live")
     with _reported_errors(console):
         result = _replayed(flight, out, _options(leave_out, time_offset_s), console)
         timing = result.report["timing"]
@@ -82,6 +105,41 @@ def evaluate(
             typer.echo(json.dumps([result.report for _, result in results], indent=1))
         else:
             _print_errors(results)
+
+
+def _play_live(flight: Path, mavlink: str, video: str, start_s: float, console: Console) -> None:
+    folder = FlightFolder.open(flight)
+    start_us, end_us = folder.telemetry_span()
+    if round(start_s * 1e6) >= end_us - start_us:
+        raise StationError(f"{flight}: --start-s {start_s:g} is after its end at {(end_us - start_us) / 1e6:.0f} s")
+    mavlink_to = _udp_target("--mavlink", mavlink, ("udpout", "udp"))
+    video_to = None if video == "none" else _udp_target("--video", video, ("udp",))
+    begun_s: float | None = None
+
+    def wait_until(t_us: int) -> None:
+        nonlocal begun_s
+        # The first moment is ready only when the video has been looked through.
+        begun_s = time.monotonic() if begun_s is None else begun_s
+        time.sleep(max(begun_s + t_us / 1e6 - time.monotonic(), 0.0))
+
+    with Downlink(mavlink_to, video_to) as downlink, _progress(console, folder.name) as tell:
+        sent = play(
+            moments(folder, start_s), downlink.send_packet, downlink.send_frame, wait_until,
+            lambda t_us: tell((t_us - start_us) / max(end_us - start_us, 1)),
+        )  # fmt: skip
+    for warning in folder.warnings:
+        console.print(f"warning: {warning}", style="yellow", markup=False)
+    typer.echo(f"{folder.name}: {sent} packets and pictures sent to {mavlink} and {video}")
+
+
+def _udp_target(option: str, text: str, schemes: tuple[str, ...]) -> tuple[str, int]:
+    try:
+        connection = Connection.parse(text)
+        if connection.scheme not in schemes:
+            raise StationError(f"{option}: '{text}' is not {schemes[0]}:HOST:PORT; a flight is played over UDP")
+        return connection.host_and_port()
+    except TransportError as error:
+        raise StationError(f"{option}: {error}") from None
 
 
 def _options(leave_out: list[str] | None, time_offset_s: float | None) -> ReplayOptions:

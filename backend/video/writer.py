@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from pathlib import Path
-from typing import Self
+from typing import Protocol, Self
 
 import av
 
@@ -13,14 +13,27 @@ from backend.video.frames import EncodedFrame
 _TICKS_PER_S = 90_000
 
 
+class Output(Protocol):
+    """Where the bytes go."""
+
+    def write(self, data: bytes, /) -> int | None:
+        """Take them."""
+
+    def flush(self) -> None:
+        """Hand them on."""
+
+    def close(self) -> None:
+        """No more come."""
+
+
 class TsWriter:
-    """Write H.264 frames into an MPEG-TS file, unchanged, each with the operating system before `write` returns.
+    """Write H.264 frames as MPEG-TS, unchanged, each with the file or other output before `write` returns.
 
     The n-th frame written is frame n of the file: times follow ``t_us`` and are made to rise by at least a tick.
     """
 
-    def __init__(self, path: Path) -> None:
-        self._file = path.open("wb", buffering=0)
+    def __init__(self, out: Path | Output) -> None:
+        self._file: Output = out.open("wb", buffering=0) if isinstance(out, Path) else out
         options = {"flush_packets": "1", "omit_video_pes_length": "0"}
         self._container = av.open(self._file, "w", format="mpegts", options=options)
         self._stream = self._container.add_mux_stream("h264")
