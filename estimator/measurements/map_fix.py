@@ -23,8 +23,8 @@ from estimator.registration.refine import Refinement
 from estimator.types import FixReport, Float, FrameSample
 
 UNKNOWN_NE = np.full(2, np.nan)
-MIN_GAIN = 0.02
-"""Information, as a share of what was known before, below which a picture of nothing (fog, a cap) is no fix."""
+MIN_CONTRAST = 1.2  # of a likelihood of mean one; that of a picture of noise reaches three and more
+"""Likelihood's largest value below which a picture of nothing (fog, a cap) is no fix."""
 UNKNOWN_COV = np.full((2, 2), np.nan)
 
 
@@ -42,12 +42,13 @@ class MapFixConfig:
     correlation_share: float = 0.4
     min_weight: float = 0.03
     noise_inflation: float = 3.0
+    density_inflation: float = 1.25
     white_share: float = 0.3
     min_agreement: float = 0.4
     max_innovation_sigmas: float = 6.0
     map_bias_memory: float = 0.9
     min_map_bias_m: float = 0.05
-    max_map_bias_m: float = 1.5
+    max_map_bias_m: float = 2.0
     max_outlier_probability: float = 0.99
     min_unimodality: float = 0.95
     max_lost_probability: float = 0.5
@@ -128,11 +129,16 @@ class MapFixer:
         fresh = self._density is None
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
         weight = self._weight(predicted_ne, self._last_accepted_ne_m, match.footprint_m)
-        prior = density.moments()
+        # what is handed over is all that the density has gained on the filter, since the last time it was
+        prior = Moments(predicted_ne, H @ eskf.P @ H.T + np.eye(2) * 0.01)
         # a refused picture stays in the density: the next from the same place tells it nothing new
         told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, match.footprint_m)
         calibration = self._registrar.config.calibration
         values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
+        if fresh and values.max() < MIN_CONTRAST:
+            self._density = None
+            self.rejected_in_row += 1
+            return self._report(frame, started, "the picture says nothing of the position", match)
         density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
         self._density = density
@@ -178,12 +184,13 @@ class MapFixer:
         prior: Moments, posterior: Moments,
     ) -> str | None:  # fmt: skip
         increment = information_increment(prior, posterior)
-        if increment is None or np.trace(np.linalg.solve(increment.cov_ne_m2, prior.cov_ne_m2)) < MIN_GAIN:
+        if increment is None:
             return "the picture says nothing of the position"
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
-        self._follow_map_bias(eskf, increment.cov_ne_m2)
-        R = self._noise(eskf, increment.cov_ne_m2, weight)
+        cov_ne_m2 = increment.cov_ne_m2 * self.config.density_inflation**2
+        self._follow_map_bias(eskf, cov_ne_m2)
+        R = self._noise(eskf, cov_ne_m2, weight)
         innovation = Innovation(increment.position_ne_m - predicted_ne, H, R)
         if not _apply(eskf, innovation, self.config.max_innovation_sigmas):
             return "does not agree with the estimate"

@@ -23,7 +23,7 @@ class LikelihoodCalibration:
     """
 
     version: str = "double_angle/2"
-    temperature: float = 0.18
+    temperature: float = 0.25
     map_std_m: float = 0.4
     map_std_px: float = 0.8
     floor: float = 0.02
