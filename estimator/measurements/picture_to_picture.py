@@ -31,7 +31,7 @@ class OdometryConfig:
     interval_s: float = 0.25
     max_gap_s: float = 2.5
     pixel_std_px: float = 0.5
-    relative_std: float = 0.006
+    relative_std: float = 0.012
     turn_relative_std: float = 0.01
     frozen_difference: float = 0.02
 
