@@ -255,7 +255,12 @@ class ErrorStateFilter:
         return decayed
 
     def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
-        """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected)."""
+        """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).
+
+        One that is not finite is rejected: a single such number would leave nothing of the estimate.
+        """
+        if not (np.isfinite(z).all() and np.isfinite(H).all() and np.isfinite(R).all()):
+            return False, float("nan")
         correction = correct(self.P, z, H, R, gate)
         if correction is None:
             return False, float("nan")

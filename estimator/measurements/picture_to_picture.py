@@ -83,7 +83,8 @@ class VisualOdometry:
             return None
         innovation = displacement(eskf, residual, camera)
         turn_rad = np.linalg.norm(rotation_between(clone.q_ned_from_camera, q_from_matrix(camera.ned_from_camera)))
-        height_m = float(down_at(camera_pos_ned_m[0:1], camera_pos_ned_m[1:2])[0]) - camera_pos_ned_m[2]
+        # by the depth of the tracks' own ground, which is known where the ground below the camera may not be
+        height_m = float(residual.by_rotation_second[1, 0])
         R = innovation.R + np.eye(2) * (self.config.turn_relative_std * turn_rad * height_m) ** 2
         return replace(innovation, R=R)
 

@@ -1,7 +1,8 @@
 """The video's clock while flying: which offset to add to frame times, and when it may be trusted.
 
-The turns that pictures show (``odometry.image_gyro``) are laid against the telemetry's (``timing.camera_clock``). Until
-the offset is observable no picture may steer the filter: at 20 m/s a tenth of a second is two metres, and in a turn more.
+The turns that pictures show (``odometry.image_gyro``) are laid against the telemetry's (``timing.camera_clock``).
+Until the offset is observable no picture may steer the filter: at 20 m/s a tenth of a second is two metres, and in a
+turn more.
 """
 
 from __future__ import annotations

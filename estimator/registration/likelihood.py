@@ -23,7 +23,7 @@ class LikelihoodCalibration:
     """
 
     version: str = "double_angle/2"
-    temperature: float = 0.25
+    temperature: float = 0.2
     map_std_m: float = 0.4
     map_std_px: float = 0.8
     floor: float = 0.02
@@ -36,7 +36,9 @@ def log_matched(similarity: NDArray[np.floating], peak: Peak, temperature: float
     a signal of the peak's size c0 the log likelihood of a place is c0 c / s^2 = z0 z. Lines and repeated patterns make
     large clutter, so a peak on them says little (Pilotage methods, section 2.3, compares other forms).
     """
-    out: Float = np.asarray(similarity, dtype=np.float64) * (temperature * peak.psr / max(peak.clutter_std, 1e-6))
+    out: Float = np.asarray(similarity, dtype=np.float64) * (
+        temperature * peak.height / max(peak.clutter_std, 1e-6) ** 2
+    )
     return out
 
 

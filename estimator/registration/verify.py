@@ -13,7 +13,8 @@ class Peak:
     """The best place of a surface and what speaks for it.
 
     ``row``, ``col`` are sub-pixel. ``psr`` is the peak's height over the rest of the surface in its standard
-    deviations, ``clutter_std``; ``second_ratio`` the highest similarity more than five pixels away over the peak's.
+    deviations; ``second_ratio`` the highest similarity more than five pixels away over the peak's. ``height`` is over
+    the rest's median, and ``clutter_std`` its scatter, robustly: the ridge that a straight road draws is not clutter.
     """
 
     row: float
@@ -22,10 +23,12 @@ class Peak:
     psr: float
     second_ratio: float
     at_edge: bool
+    height: float
     clutter_std: float
 
 
 EXCLUDED_PX = 5
+NORMAL_BY_MAD = 1.4826
 
 
 def find_peak(surface: NDArray[np.floating]) -> Peak | None:
@@ -40,17 +43,19 @@ def find_peak(surface: NDArray[np.floating]) -> Peak | None:
     rest[max(0, row - EXCLUDED_PX) : row + EXCLUDED_PX + 1, max(0, col - EXCLUDED_PX) : col + EXCLUDED_PX + 1] = False
     others = filled[rest]
     if others.size > 20:
-        clutter = max(float(others.std()), 1e-6)
-        psr = (value - float(others.mean())) / clutter
+        psr = (value - float(others.mean())) / max(float(others.std()), 1e-6)
+        middle = float(np.median(others))
+        clutter = max(NORMAL_BY_MAD * float(np.median(np.abs(others - middle))), 1e-6)
+        height = value - middle
         second = float(others.max()) / max(value, 1e-6)
     else:
-        clutter, psr, second = 1.0, 0.0, 1.0
+        psr, second, height, clutter = 0.0, 1.0, 0.0, 1.0
     at_edge = row in (0, rows - 1) or col in (0, cols - 1)
     if at_edge:
-        return Peak(float(row), float(col), value, psr, second, True, clutter)
+        return Peak(float(row), float(col), value, psr, second, True, height, clutter)
     d_row = _vertex(filled[row - 1, col], value, filled[row + 1, col])
     d_col = _vertex(filled[row, col - 1], value, filled[row, col + 1])
-    return Peak(row + d_row, col + d_col, value, psr, second, False, clutter)
+    return Peak(row + d_row, col + d_col, value, psr, second, False, height, clutter)
 
 
 def _vertex(before: float, at: float, after: float) -> float:

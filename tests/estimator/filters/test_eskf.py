@@ -128,6 +128,21 @@ def test_injection_moves_every_group_by_its_correction() -> None:
     assert_allclose(_difference(_moved(_nominal(), dx), _nominal()), dx, atol=1e-9)
 
 
+@pytest.mark.parametrize("part", [0, 1, 2])
+def test_innovation_that_is_not_finite_changes_nothing(part: int) -> None:
+    """Fault: NaN in innovation, Jacobian or noise. Expected: rejected, the estimate as it was."""
+    eskf = ErrorStateFilter(_nominal(), np.eye(FULL.size), FULL, EARTH, QUIET)
+    measurement = [np.ones(1), FULL.jacobian(1, position=np.ones((1, 3))), np.eye(1)]
+    measurement[part] = measurement[part] * np.nan
+
+    accepted, nis = eskf.update(*measurement)
+
+    assert not accepted
+    assert np.isnan(nis)
+    assert_allclose(eskf.P, np.eye(FULL.size))
+    assert_allclose(eskf.nominal.motion.pos_ned_m, _nominal().motion.pos_ned_m)
+
+
 def test_attitude_correction_turns_about_the_ned_axes() -> None:
     """A tenth of a radian about down changes the yaw by as much, whatever roll and pitch are."""
     dx = np.zeros(FULL.size)

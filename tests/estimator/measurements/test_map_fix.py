@@ -7,7 +7,7 @@ from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q
 from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
-from estimator.measurements.map_fix import MapFixer
+from estimator.measurements.map_fix import MapFixConfig, MapFixer
 from estimator.registration.alignment import Registrar
 from estimator.types import FixReport, FrameSample
 from tests.estimator.registration.textured_map import (
@@ -32,8 +32,9 @@ STD = {
 }  # fmt: skip
 
 
-def _fixer(scene: PaintedMap = MAP) -> MapFixer:
-    return MapFixer(Registrar(CAMERA, scene, FlatGround(), ORIGIN_ALT_M), clock_s=lambda: 0.0)
+def _fixer(scene: PaintedMap = MAP, **changes: float) -> MapFixer:
+    registrar = Registrar(CAMERA, scene, FlatGround(), ORIGIN_ALT_M)
+    return MapFixer(registrar, MapFixConfig(**changes), clock_s=lambda: 0.0)
 
 
 def _filter(error: np.ndarray, true_pos: np.ndarray = TRUE_POS, std: dict = STD) -> ErrorStateFilter:
@@ -129,7 +130,7 @@ def test_refused_picture_does_not_count_twice() -> None:
     Expected: as ambiguous as the first time; what the first said stays in the density, and the rest say the same.
     """
     picture = _picture(np.random.default_rng(11))
-    eskf, fixer = _filter(np.zeros(6)), _fixer(TexturedMap(11))
+    eskf, fixer = _filter(np.zeros(6)), _fixer(TexturedMap(11), min_unimodality=1.01)
 
     first, *others = [_attempt(fixer, eskf, picture, 0.4 * k) for k in range(8)]
 
@@ -199,7 +200,8 @@ def test_bare_road_tells_the_position_across_it_only() -> None:
         _attempt(fixer, eskf, _picture(rng, road), 0.4 * k)
 
     cov, left = eskf.cov("position")[:2, :2], (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
-    assert abs(left @ across) < 2.0
+    # five looks at one place and a tilt of a tenth of a degree: they share the map's displacement
+    assert abs(left @ across) < 3.0 * np.sqrt(across @ cov @ across)
     assert np.sqrt(along @ cov @ along) > 1.5 * np.sqrt(across @ cov @ across)
     assert np.sqrt(along @ cov @ along) > 4.0
     assert abs(left @ along) < 3.0 * np.sqrt(along @ cov @ along)

@@ -25,7 +25,7 @@ def _correlation(
 
 def _peak(value: float = 0.8, clutter_std: float = CLUTTER) -> Peak:
     """The peak of such a surface, as if its surroundings had clutter of that size."""
-    return Peak(20.0, 20.0, value, value / clutter_std, 0.3, False, clutter_std)
+    return Peak(20.0, 20.0, value, value / clutter_std, 0.3, False, value, clutter_std)
 
 
 def _moments(

@@ -24,6 +24,7 @@ PRIOR_STD = np.array([3.0, 3.0, 3.0, 0.02, 0.02, 0.03])
 HEADINGS = np.deg2rad(np.array([-4.5, -3.0, -1.5, 0.0, 1.5, 3.0, 4.5]))
 SCALES = np.array([-0.04, -0.02, 0.0, 0.02, 0.04])
 CONFIG = RefineConfig()
+FIXED_SIZE = RefineConfig(min_window_px=32, max_window_px=32)
 
 
 def _through_another_sensor(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -262,7 +263,7 @@ def test_windows_show_where_the_template_lies_in_the_area() -> None:
     template = area[:, 13:143, 17:181]
     mask = np.ones(template.shape[1:], dtype=np.bool_)
 
-    windows = cut_windows(template, mask, area, 11, 20, CONFIG)
+    windows = cut_windows(template, mask, area, 11, 20, FIXED_SIZE)
 
     assert windows is not None
     assert len(windows.surface) == 4 * 5
@@ -281,12 +282,12 @@ def test_windows_without_picture_or_without_room_are_left_out() -> None:
     half = mask.copy()
     half[:, :98] = False
 
-    windows = cut_windows(template, half, area, 13, 17, CONFIG)
+    windows = cut_windows(template, half, area, 13, 17, FIXED_SIZE)
 
     assert windows is not None
     assert len(windows.surface) == 4 * 2
     # the area ends above the first row of windows
-    shifted = cut_windows(template, mask, area, 0, 17, CONFIG)
+    shifted = cut_windows(template, mask, area, 0, 17, FIXED_SIZE)
     assert shifted is not None
     assert windows.row.min() < 32.0 < shifted.row.min()
 
@@ -297,14 +298,26 @@ def test_too_few_windows_give_nothing() -> None:
     few = np.ones((130, 164), dtype=np.bool_)
     few[:, 40:] = False
 
-    assert cut_windows(small, np.ones(small.shape[1:], dtype=np.bool_), area, 40, 40, CONFIG) is None
-    assert cut_windows(area[:, 13:143, 17:181], few, area, 13, 17, CONFIG) is None
-    assert cut_windows(area[:, 13:143, 17:181], few | True, area, 13, 500, CONFIG) is None
+    assert cut_windows(small, np.ones(small.shape[1:], dtype=np.bool_), area, 40, 40, FIXED_SIZE) is None
+    assert cut_windows(area[:, 13:143, 17:181], few, area, 13, 17, FIXED_SIZE) is None
+    assert cut_windows(area[:, 13:143, 17:181], few | True, area, 13, 500, FIXED_SIZE) is None
+
+
+@pytest.mark.parametrize(("shape", "side_px"), [((60, 80), 13), ((104, 139), 22), ((224, 224), 32)])
+def test_windows_are_smaller_in_a_smaller_template(shape: tuple[int, int], side_px: int) -> None:
+    """About thirty of them, so that a few that err do not decide, and at most 32 pixels wide."""
+    area = _texture(300, 300)
+    template = area[:, 20 : 20 + shape[0], 20 : 20 + shape[1]]
+
+    windows = cut_windows(template, np.ones(shape, dtype=np.bool_), area, 20, 20, CONFIG)
+
+    assert windows is not None
+    assert_allclose(np.diff(np.unique(windows.col)), side_px)
 
 
 def test_low_camera_has_too_few_windows() -> None:
-    """From 45 m the picture covers about 50 by 40 map pixels: registered, but not refined."""
-    low = TRUE_POS * np.array([1.0, 1.0, 45.0 / 110.0])
+    """From 36 m the picture covers about 40 by 30 map pixels: registered, but not refined."""
+    low = TRUE_POS * np.array([1.0, 1.0, 36.0 / 110.0])
     picture = seen_by(low, NADIR_TOP_NORTH)
 
     _, refinement = _registered(picture, CameraPose(low + np.array([1.0, 1.0, 0.0]), NADIR_TOP_NORTH))

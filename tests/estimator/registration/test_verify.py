@@ -69,7 +69,7 @@ def test_unknown_parts_are_passed_over() -> None:
 
 
 def test_probability_falls_with_every_sign_of_quality() -> None:
-    base = Peak(row=5.0, col=5.0, value=0.4, psr=5.0, second_ratio=0.8, at_edge=False, clutter_std=0.05)
+    base = Peak(row=5.0, col=5.0, value=0.4, psr=5.0, second_ratio=0.8, at_edge=False, height=0.25, clutter_std=0.05)
     better = [replace(base, value=0.6), replace(base, psr=8.0), replace(base, second_ratio=0.5)]
 
     for peak in better:
