@@ -274,6 +274,7 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
         "frames": {"used": run.frames, "without_time": run.frames_untimed, "of_another_shape": run.frames_misshapen},
         "fixes": {"attempted": len(run.fixes), "accepted": accepted, "refused": _reasons(run.fixes)},
         "samples": run.navigator.counts,
+        "video_clock": _video_clock(run.navigator),
         "modes": {mode: modes.count(mode) / len(modes) for mode in sorted(set(modes))},
         "timing": {
             "elapsed_s": elapsed_s,
@@ -282,6 +283,24 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
             "stages_s": {**run.navigator.stage_seconds, "decode": run.decode_s},
         },
         "warnings": list(folder.warnings),
+    }
+
+
+def _video_clock(navigator: Navigator) -> dict[str, Any] | None:
+    """What was found of the video's clock and the camera's misalignment; None where the offset was given."""
+    clock = navigator.video_clock
+    if clock is None:
+        return None
+    found = clock.estimate
+    if found is None or not found.observable:
+        return {"observable": False, "reason": found.reason if found else "no video", "time_offset_s": None}
+    std_deg = np.degrees(np.sqrt(np.diag(found.cov_boresight_rad2)))
+    return {
+        "observable": True,
+        "time_offset_s": round(clock.offset_us / 1e6, 4),
+        "std_s": round(found.std_s, 4),
+        "boresight_deg": np.degrees(found.boresight_rad).round(3).tolist(),
+        "boresight_std_deg": std_deg.round(3).tolist(),
     }
 
 

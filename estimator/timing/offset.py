@@ -294,7 +294,8 @@ class _Problem:
         # noise in the telemetry's rates looks like change that could tell the offset, and does not: only change that
         # the pictures saw as well, with a noise of their own, counts (the instrumental variable of econometrics)
         shared = slope * self._shared_change(J[:, :, 0], inverse, squares)
-        H[0, 0] = explained + min(max(shared - explained, 1e-3 * nominal, 1e-9), nominal)
+        # no change at all leaves nothing but a floor, so that the sigma is large and not infinite
+        H[0, 0] = explained + max(min(max(shared - explained, 1e-3 * nominal), nominal), 1e-9)
         inverted = np.linalg.inv(H)
         sandwich = inverted @ S @ inverted
         # a short window can by chance show negative autocorrelation: not below what independent noise gives

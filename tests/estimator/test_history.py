@@ -7,13 +7,14 @@ from numpy.testing import assert_allclose
 from estimator.geometry.rotation import matrix_from_q, q_from_euler, q_from_rotvec, q_multiply
 from estimator.history import (
     AttitudeTrack,
+    InertialTrack,
     SampleQueue,
     StateHistory,
     between,
     level_yaw_matrix,
     rotation_between,
 )
-from estimator.types import BarometerSample, Mode, NavigationState
+from estimator.types import BarometerSample, InertialSample, Mode, NavigationState
 
 
 def _state(t_us: int, north_m: float = 0.0, yaw_rad: float = 0.0, mode: Mode = Mode.GPS) -> NavigationState:
@@ -205,3 +206,31 @@ def test_level_yaw_keeps_the_heading_alone() -> None:
     level = level_yaw_matrix(q_from_euler(0.5, -0.4, 1.3))
 
     assert_allclose(level, matrix_from_q(q_from_euler(0.0, 0.0, 1.3)), atol=1e-12)
+
+
+def _reading(t_us: int, rate: float) -> InertialSample:
+    return InertialSample(t_us, np.array([rate, 0.0, 0.0]), np.array([0.0, 0.0, -9.8 - rate]))
+
+
+def test_inertial_readings_are_interpolated_at_the_moment_they_tell_of() -> None:
+    """Stamped 10 ms late: what is stamped 20 and 40 ms was at 10 and 30 ms, and half of each at 20 ms."""
+    track = InertialTrack(0.010)
+    for t_us, rate in ((40_000, 3.0), (20_000, 1.0)):
+        track.add(_reading(t_us, rate))
+
+    at = track.at(20_000)
+
+    assert at is not None
+    assert_allclose(at[0], [2.0, 0.0, 0.0])
+    assert_allclose(at[1], [0.0, 0.0, -11.8])
+
+
+def test_inertial_readings_are_held_beyond_their_ends() -> None:
+    track = InertialTrack(0.0)
+    assert track.at(0) is None
+    for t_us, rate in ((1000, 1.0), (2000, 2.0), (2000, 9.0)):
+        track.add(_reading(t_us, rate))
+
+    rates = [track.at(t_us) for t_us in (0, 5000)]
+
+    assert [reading[0][0] for reading in rates if reading is not None] == [1.0, 2.0]
