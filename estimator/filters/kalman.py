@@ -58,8 +58,3 @@ def correct(P: Float, z: Float, H: Float, R: Float, gate: float = np.inf) -> Cor
     A.flat[:: A.shape[0] + 1] += 1.0
     P_new = A @ P @ A.T + K @ R @ K.T
     return Correction(dx=K @ z, P=0.5 * (P_new + P_new.T), nis=nis)
-
-
-def nis(P: Float, z: Float, H: Float, R: Float) -> float:
-    """Normalised innovation squared of a measurement, without applying it."""
-    return float(z @ np.linalg.solve(H @ P @ H.T + R, z))

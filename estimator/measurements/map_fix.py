@@ -33,7 +33,10 @@ class MapFixConfig:
     """Search and acceptance of map fixes.
 
     ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
-    alike; ``min_weight`` what a fix from the same place still counts.
+    alike; ``min_weight`` what a fix from the same place still counts. ``noise_inflation`` multiplies the windows' own
+    sigma (neighbours err alike), ``density_inflation`` that of the density; of the variance ``white_share`` is each
+    picture's own and the rest the map's, between ``min_map_bias_m`` and ``max_map_bias_m``. Windows count where
+    ``min_agreement`` of them agree. ADR 0008 says how the numbers were found.
     """
 
     search_sigmas: float = 3.5

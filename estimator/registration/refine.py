@@ -34,7 +34,6 @@ class RefineConfig:
     min_windows: int = 8
     iterations: int = 6
     max_step_px: float = 1.5
-    max_shift_px: float = 4.5
     inlier_px: float = 2.0
 
 
