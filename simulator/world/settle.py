@@ -21,6 +21,7 @@ from simulator.world.layout import (
     Use,
     Way,
     WayKind,
+    distance_to_line_m,
     long_axis,
     polygon_area_m2,
     rectangle,
@@ -72,6 +73,10 @@ def base_layout(seed: int, half_size_m: float) -> Layout:
     row_col = np.clip(np.round(ground.patch.row_col(trees.position_ne_m)).astype(int), 0, size - 1)
     inside = np.abs(trees.position_ne_m).max(axis=1) < half_size_m + 5.0
     keep = (blocked[row_col[:, 0], row_col[:, 1]] == 0) & inside
+    # the raster ends at the border, where a tree just beyond would be judged by the nearest pixel within
+    beyond = np.flatnonzero(keep & (np.abs(trees.position_ne_m).max(axis=1) > half_size_m))
+    for way in ways if beyond.size else ():
+        keep[beyond] &= distance_to_line_m(trees.position_ne_m[beyond], way.line_ne_m) > (way.width_m + 2.4) / 2
     return Layout(
         half_size_m=half_size_m,
         parcels=parcels,
