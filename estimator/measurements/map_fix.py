@@ -33,7 +33,8 @@ class MapFixConfig:
     """Search and acceptance of map fixes.
 
     ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
-    alike; ``min_weight`` what a fix from the same place still counts. ``noise_inflation`` multiplies the windows' own
+    alike, ``ambiguity_share`` that over which pictures confuse the same places; ``min_weight`` what a fix from the
+    same place still counts. ``noise_inflation`` multiplies the windows' own
     sigma (neighbours err alike), ``density_inflation`` that of the density; of the variance ``white_share`` is each
     picture's own and the rest the map's, between ``min_map_bias_m`` and ``max_map_bias_m``. Windows count where
     ``min_agreement`` of them agree. ADR 0008 says how the numbers were found.
@@ -44,6 +45,7 @@ class MapFixConfig:
     max_search_m: float = 160.0
     correlation_share: float = 0.4
     min_weight: float = 0.03
+    ambiguity_share: float = 0.12
     noise_inflation: float = 3.0
     density_inflation: float = 1.25
     white_share: float = 0.3
@@ -53,7 +55,7 @@ class MapFixConfig:
     min_map_bias_m: float = 0.05
     max_map_bias_m: float = 2.0
     max_outlier_probability: float = 0.99
-    min_unimodality: float = 0.95
+    min_unimodality: float = 0.9
     max_lost_probability: float = 0.5
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
@@ -131,11 +133,13 @@ class MapFixer:
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
         fresh = self._density is None
         density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
-        weight = self._weight(predicted_ne, self._last_accepted_ne_m, match.footprint_m)
+        alike_m = self.config.correlation_share * match.footprint_m
+        weight = self._weight(predicted_ne, self._last_accepted_ne_m, alike_m)
         # what is handed over is all that the density has gained on the filter, since the last time it was
         prior = Moments(predicted_ne, H @ eskf.P @ H.T + np.eye(2) * 0.01)
         # a refused picture stays in the density: the next from the same place tells it nothing new
-        told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, match.footprint_m)
+        confused_m = self.config.ambiguity_share * match.footprint_m
+        told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
         calibration = self._registrar.config.calibration
         values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
         if fresh and values.max() < MIN_CONTRAST:
@@ -234,12 +238,12 @@ class MapFixer:
         self._density.predict(moved, cov)
         return self._density
 
-    def _weight(self, predicted_ne_m: Float, last_ne_m: Float, footprint_m: float) -> float:
+    def _weight(self, predicted_ne_m: Float, last_ne_m: Float, alike_m: float) -> float:
         """Share that a fix counts, given how near the last one was: w = (1 - r) / (1 + r), r = exp(-d / L)."""
         if not np.isfinite(last_ne_m).all():
             return 1.0
         distance = float(np.hypot(*(predicted_ne_m - last_ne_m)))
-        correlation = np.exp(-distance / max(self.config.correlation_share * footprint_m, 1.0))
+        correlation = np.exp(-distance / max(alike_m, 1.0))
         return max(float((1.0 - correlation) / (1.0 + correlation)), self.config.min_weight)
 
     def _refusal(self, match: Match, density: PointMassFilter) -> str | None:
