@@ -69,6 +69,7 @@ class NavigatorConfig:
     reported_attitude_interval_s: float = 0.18
     gnss_interval_s: float = 0.9
     gnss_min_std_m: float = 1.5
+    gnss_height_time_s: float = 30.0
     min_inertial_hz: float = 18.0
     inertial_timeout_s: float = 0.5
     inertial_delay_s: float = 0.010
@@ -312,7 +313,9 @@ class Navigator:
             return
         pos = self.frame.ned_from_geodetic(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
         std = max(sample.std_horizontal_m, self.config.gnss_min_std_m)
-        vertical_std = max(sample.std_vertical_m, 2.0 * self.config.gnss_min_std_m)
+        # a receiver's height wanders slowly: fixes in a row say it once
+        alike = 2.0 * self.config.gnss_height_time_s / self.config.gnss_interval_s
+        vertical_std = max(sample.std_vertical_m, 2.0 * self.config.gnss_min_std_m) * np.sqrt(1.0 + alike)
         if self._apply("gnss", gnss.position(self._eskf, pos, std, vertical_std), gate_sigmas=5.0):
             self._last_us["gnss"] = sample.t_us
         self._apply("gnss_velocity", gnss.velocity(self._eskf, sample.vel_ned_m_s), gate_sigmas=5.0)
@@ -347,8 +350,9 @@ class Navigator:
             self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
         image = _grey(sample.image)
         camera, camera_pos = self._camera_now(eskf)
-        innovation = self._odometry.step(sample.t_us, image, eskf, camera, camera_pos, self._down_at)
-        self._apply("odometry", innovation, gate_sigmas=5.0)
+        step = self._odometry.step(sample.t_us, image, eskf, camera, camera_pos, self._down_at)
+        if step is not None and self._apply("odometry", step.displacement, gate_sigmas=5.0):
+            self._apply("bare_ground", step.bare_ground, gate_sigmas=5.0)
         if self._odometry.took_picture:
             camera, camera_pos = self._camera_now(eskf)
             clone = Clone(camera_pos, q_from_matrix(camera.ned_from_camera))

@@ -76,13 +76,13 @@ class ProcessNoise:
     gyroscope_rad_rt_s: float = 0.0004
     accelerometer_bias_m_s2_rt_s: float = 0.003
     gyroscope_bias_rad_s_rt_s: float = 1.5e-4
-    barometer_bias_m_rt_s: float = 0.06
+    barometer_bias_m_rt_s: float = 0.09
     boresight_rad_rt_s: float = 1e-4
     attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
     # trees and houses stand above a ground model for tens of metres; the model is off, or the land wooded, for longer
-    ground_bias_std_m: tuple[float, float] = (2.5, 2.5)
-    ground_bias_length_m: tuple[float, float] = (50.0, 1500.0)
+    ground_bias_std_m: tuple[float, float] = (7.0, 0.7)
+    ground_bias_length_m: tuple[float, float] = (80.0, 1500.0)
     map_bias_length_m: float = 45.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)

@@ -13,7 +13,7 @@ from estimator.geometry.rotation import matrix_from_q, q_from_matrix
 from estimator.history import rotation_between
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
-from estimator.measurements.visual_odometry import displacement
+from estimator.measurements.visual_odometry import SurfaceConfig, bare_ground, displacement
 from estimator.odometry.planar import displacement_residual
 from estimator.odometry.tracker import CornerTracker, TrackerConfig
 from estimator.types import Float, Image
@@ -34,6 +34,15 @@ class OdometryConfig:
     relative_std: float = 0.012
     turn_relative_std: float = 0.01
     frozen_difference: float = 0.02
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdometryStep:
+    """What one picture says against the last: the motion, and that the surface is bare ground. None says nothing."""
+
+    displacement: Innovation
+    bare_ground: Innovation | None
 
 
 class VisualOdometry:
@@ -51,7 +60,7 @@ class VisualOdometry:
     def step(
         self, t_us: int, image: Image, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float,
         down_at: Callable[[Float, Float], Float],
-    ) -> Innovation | None:  # fmt: skip
+    ) -> OdometryStep | None:  # fmt: skip
         """Use a grey picture; ``took_picture`` says afterwards whether it is the one to follow from next."""
         self.took_picture = False
         if self._t_us is not None and t_us - self._t_us < self.config.interval_s * 1e6:
@@ -86,7 +95,8 @@ class VisualOdometry:
         # by the depth of the tracks' own ground, which is known where the ground below the camera may not be
         height_m = float(residual.by_rotation_second[1, 0])
         R = innovation.R + np.eye(2) * (self.config.turn_relative_std * turn_rad * height_m) ** 2
-        return replace(innovation, R=R)
+        distance_m = float(np.hypot(*(camera_pos_ned_m - clone.pos_ned_m)[:2]))
+        return OdometryStep(replace(innovation, R=R), bare_ground(eskf, residual, distance_m, self.config.surface))
 
     def _predicted_uv(
         self, corners_uv_px: Float, ned_from_first: Float, first_pos_ned_m: Float, camera: CameraAttitude,

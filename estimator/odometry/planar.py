@@ -17,6 +17,8 @@ from estimator.types import Float
 
 MIN_TRACKS = 10
 MIN_INLIER_FRACTION = 0.4
+MIN_PARALLAX = 0.005
+"""Share of the height that the camera must move for its tracks to say anything of the surface's relief."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +29,8 @@ class DisplacementResidual:
     ``by_pos_first``, ``by_pos_second`` (2, 3) and ``by_rotation_first``, ``by_rotation_second`` (2, 3) are its
     derivatives by camera position NED and by the camera's rotation error about the NED axes, ``by_ground`` (2, 1) by
     how far the surface lies below the ground model: it scales the motion, and of all errors lasts the longest.
-    ``cov_m2`` (2, 2).
+    ``cov_m2`` (2, 2). ``relief_m`` is the standard deviation of the seen surface's height about the ground model, from
+    how much more the tracks scatter along the motion, where height shows, than across; infinite where that is unknown.
     """
 
     residual_ne_m: Float
@@ -39,6 +42,7 @@ class DisplacementResidual:
     cov_m2: Float
     tracks: int
     inlier_fraction: float
+    relief_m: float
 
 
 def displacement_residual(
@@ -102,7 +106,25 @@ def displacement_residual(
         mean, by_first[:, :3], by_second[:, :3], by_first[:, 3:], by_second[:, 3:],
         (slope_first[inlier] - expected[inlier]).mean(axis=0)[:, None],
         cov, count, count / len(residuals),
+        _relief_m(residuals, pos_second_ned_m - pos_first_ned_m, float(np.median(height_second))),
     )  # fmt: skip
+
+
+def _relief_m(residuals_ne_m: Float, motion_ned_m: Float, height_m: float) -> float:
+    """Scatter of the surface's height: a point higher by z moves by a share z / h more, along the motion alone."""
+    distance_m = float(np.hypot(*motion_ned_m[:2]))
+    if distance_m < MIN_PARALLAX * height_m:
+        return float("inf")
+    along = motion_ned_m[:2] / distance_m
+    by_height = _robust_std(residuals_ne_m @ along)
+    noise = _robust_std(residuals_ne_m @ np.array([-along[1], along[0]]))
+    # the difference of two measured variances is known to about a tenth of them
+    excess = max(by_height**2 - noise**2, (0.3 * noise) ** 2)
+    return float(np.sqrt(excess)) * height_m / distance_m
+
+
+def _robust_std(values: Float) -> float:
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def _inliers(residuals: Float, noise_m: float) -> np.ndarray:

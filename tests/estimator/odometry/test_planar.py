@@ -294,3 +294,30 @@ def test_disagreeing_tracks_give_nothing() -> None:
 
     # either refused, or so unsure that it weighs nothing
     assert residual is None or np.sqrt(residual.cov_m2[0, 0]) > 2.0
+
+
+@pytest.mark.parametrize("relief_m", [1.0, 4.0])
+def test_relief_is_the_scatter_of_heights_whatever_their_mean(relief_m: float) -> None:
+    """A canopy 9 m above the model: tracks scatter along the motion by its relief, across by noise alone."""
+    points = _ground(400, 11, _flat)
+    rng = np.random.default_rng(12)
+    points[:, 2] += -9.0 + rng.normal(0.0, relief_m, len(points))
+    noise = rng.normal(0.0, 0.02, size=points.shape)
+
+    residual = _residual(_rays(points, FIRST), _rays(points + noise, SECOND), down_at=_flat)
+
+    assert residual.relief_m == pytest.approx(relief_m, rel=0.3)
+
+
+def test_relief_of_bare_ground_is_small() -> None:
+    points = _ground(400, 13)
+    noise = np.random.default_rng(14).normal(0.0, 0.02, size=points.shape)
+
+    assert _residual(_rays(points, FIRST), _rays(points + noise, SECOND)).relief_m < 0.3
+
+
+def test_relief_is_unknown_without_motion() -> None:
+    points = _ground(400, 15)
+    hovering = FIRST + np.array([0.1, 0.1, 0.0])
+
+    assert np.isinf(_residual(_rays(points, FIRST), _rays(points, hovering), second=hovering).relief_m)
