@@ -12,6 +12,9 @@ from estimator.filters.strapdown import Motion
 from estimator.geometry.local import LocalFrame
 from estimator.types import AttitudeSample, BarometerSample, Float, GnssSample, HomeSample, Sample
 
+# an older fix is of another place
+FIX_SERVES_US = 2_000_000
+
 
 @dataclass(frozen=True, slots=True)
 class InitialGuess:
@@ -56,11 +59,13 @@ class InitialConditions:
         self._home: HomeSample | None = None
         self._barometer: list[float] = []
         self._first_t_us: int | None = None
+        self._newest_t_us = 0
 
     def offer(self, sample: Sample) -> None:
         """Take a sample."""
         if self._first_t_us is None:
             self._first_t_us = sample.t_us
+        self._newest_t_us = max(self._newest_t_us, sample.t_us)
         match sample:
             case AttitudeSample():
                 self._attitude = sample
@@ -75,16 +80,27 @@ class InitialConditions:
                 pass
 
     def missing(self) -> str:
-        """What is waited for."""
+        """What is waited for: all that has not come, or the patience with satellites where the rest has."""
+        lacking = []
         if self._attitude is None:
-            return "the vehicle's attitude"
-        return "a first position (satellite fix, home, or a position given in the configuration)"
+            lacking.append("the vehicle's attitude")
+        if not self._barometer:
+            lacking.append("a reading of its barometer")
+        has_place = self._home is not None or (self._guess.lat_rad is not None and self._guess.lon_rad is not None)
+        if not has_place and not self._has_fresh_fix(self._newest_t_us):
+            lacking.append("a first position (satellite fix, home, or a position given in the configuration)")
+        if not lacking:
+            return f"a satellite fix, or {self._guess.patience_s:g} s without one to start from the given position"
+        return " and ".join(lacking)
+
+    def _has_fresh_fix(self, t_us: int) -> bool:
+        return self._gnss is not None and t_us - self._gnss.t_us < FIX_SERVES_US
 
     def ready(self, t_us: int) -> FirstEstimate | None:
         """The first estimate as soon as it can be made."""
         if self._attitude is None or self._first_t_us is None:
             return None
-        if self._gnss is not None and t_us - self._gnss.t_us < 2_000_000:
+        if self._gnss is not None and self._has_fresh_fix(t_us):
             return self._from_gnss(self._gnss, self._attitude) if self._barometer else None
         if t_us - self._first_t_us < self._guess.patience_s * 1e6 or not self._barometer:
             return None

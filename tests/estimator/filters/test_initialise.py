@@ -38,9 +38,41 @@ def test_satellite_fix_attitude_and_pressure_make_a_start() -> None:
     assert first.barometer_bias_m == pytest.approx(11.0, abs=1e-3)
 
 
-def test_what_is_missing_is_named() -> None:
-    assert "attitude" in _with(_gnss(0)).missing()
-    assert "position" in _with(AttitudeSample(0, Q, np.zeros(3))).missing()
+HOME = HomeSample(0, FRAME.lat_rad, FRAME.lon_rad, 300.0)
+ATTITUDE, PRESSURE = AttitudeSample(0, Q, np.zeros(3)), BarometerSample(0, 380.0)
+
+
+@pytest.mark.parametrize(
+    ("samples", "named"),
+    [
+        ((), {"attitude", "barometer", "first position"}),
+        ((_gnss(0),), {"attitude", "barometer"}),
+        ((ATTITUDE,), {"barometer", "first position"}),
+        ((ATTITUDE, PRESSURE), {"first position"}),
+        ((ATTITUDE, _gnss(0)), {"barometer"}),
+        ((ATTITUDE, HOME), {"barometer"}),
+        ((PRESSURE, HOME), {"attitude"}),
+        # a fix of 3 s ago does not serve any more
+        ((_gnss(0), PRESSURE, AttitudeSample(3_000_000, Q, np.zeros(3))), {"first position"}),
+        ((ATTITUDE, PRESSURE, HOME), {"satellite fix, or 3 s"}),
+    ],
+)
+def test_all_that_is_missing_is_named_and_nothing_else(samples, named) -> None:
+    conditions = _with(*samples)
+    said = conditions.missing()
+
+    words = {"attitude", "barometer", "first position", "satellite fix, or 3 s"}
+    assert {word for word in words if word in said} == named
+    newest_us = max((sample.t_us for sample in samples), default=0)
+    assert conditions.ready(newest_us) is None
+
+
+def test_what_was_named_as_missing_is_what_starts_it() -> None:
+    conditions = _with(ATTITUDE, _gnss(0))
+    assert "barometer" in conditions.missing()
+    conditions.offer(BarometerSample(100_000, 380.0))
+
+    assert conditions.ready(100_000) is not None
 
 
 def test_nothing_starts_without_attitude_or_pressure() -> None:
