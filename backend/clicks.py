@@ -8,7 +8,7 @@ import uuid
 
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError, NoGroundError, NoStateForFrameError
-from backend.fleet.feed import FrameIdentity, VideoFeed
+from backend.fleet.feed import FrameIdentity
 from backend.fleet.vehicle import VehicleView
 from backend.navigation.setup import NavigationSetup
 from backend.schemas.geometry import NewTarget
@@ -33,27 +33,25 @@ def typed_target(body: NewTarget) -> Target:
     )  # fmt: skip
 
 
-async def clicked_target(body: NewTarget, vehicle: VehicleView, feed: VideoFeed) -> Target:
+async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIdentity) -> Target:
     """What a pixel of a frame shows, with the state at that frame's exposure.
 
     Raises
     ------
-    FrameGoneError
-        The frame is not held any more.
     NoStateForFrameError
         Nobody knows where the vehicle was then, or how its camera looks.
     NoGroundError
         The pixel shows no known ground.
     """
-    if body.frame_id is None or body.u_px is None or body.v_px is None:
+    if body.u_px is None or body.v_px is None:
         raise InvalidRequestError("a click needs frame_id, u_px and v_px")
-    frame = feed.identify(body.frame_id)
     setup = vehicle.setup
     if setup is None or not setup.has_camera:
         reason = "the estimator has no camera parameters: start the station with --camera CAM.json"
         raise NoStateForFrameError(vehicle.id, frame.frame_id, reason)
     uv_px = camera_pixel(body.u_px, body.v_px, frame, setup)
-    state = await vehicle.state_at(frame.t_us)
+    t_us = vehicle.exposure_us(frame)
+    state = await vehicle.state_at(t_us)
     if state is None:
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "it is outside the time that the estimator knows")
     if state.mode is Mode.LOST:
@@ -64,13 +62,13 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, feed: VideoFeed)
         raise NoGroundError(body.u_px, body.v_px, str(error)) from None
     now_us = unix_us()
     cov = found.cov_ned_m2
-    assumption = vehicle.assumption_at(frame.t_us)
+    assumption = vehicle.assumption_at(t_us)
     method = found.method if assumption is None else f"{found.method}, {assumption}"
     return Target(
         id=str(uuid.uuid4()), name=body.name or "", lat_deg=math.degrees(found.lat_rad),
         lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=method,
         created_unix_us=now_us, updated_unix_us=now_us, vehicle_id=vehicle.id, frame_id=frame.frame_id,
-        t_unix_us=frame.t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
+        t_unix_us=t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
         var_d_m2=float(cov[2, 2]), cov_ne_m2=float(cov[0, 1]),
     )  # fmt: skip
 

@@ -18,10 +18,17 @@ import structlog
 from backend.alarms import Alarm, AlarmBoard
 from backend.clicks import clicked_target, typed_target
 from backend.clock import mono_us, unix_us
-from backend.errors import CommandRefusedError, ConflictError, StationError, UnknownSourceError, UnknownVehicleError
+from backend.errors import (
+    CommandRefusedError,
+    ConflictError,
+    InvalidRequestError,
+    StationError,
+    UnknownSourceError,
+    UnknownVehicleError,
+)
 from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
-from backend.fleet.feed import VideoFeed
+from backend.fleet.feed import FrameIdentity, VideoFeed
 from backend.fleet.fleet import Fleet
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
@@ -239,20 +246,23 @@ class Station:
     async def create_target(self, body: NewTarget) -> Target:
         """Locate a click, or take coordinates, and keep the target; when this returns it is on the disk."""
         started_us = mono_us()
+        frame: FrameIdentity | None = None
         if body.frame_id is None and body.u_px is None and body.v_px is None:
             target = typed_target(body)
         else:
             if body.vehicle_id is None:
                 raise ConflictError("a click needs the vehicle_id whose video was clicked")
+            if body.frame_id is None:
+                raise InvalidRequestError("a click needs frame_id, u_px and v_px")
             vehicle = self.vehicle(body.vehicle_id)
-            target = await clicked_target(body, vehicle, self.feed(vehicle.video_source or ""))
+            frame = self.feed(vehicle.video_source or "").identify(body.frame_id)
+            target = await clicked_target(body, vehicle, frame)
         self._target_names += 1
         target = replace(target, name=target.name or f"Target {self._target_names}")
         await self.targets.add(target)
         self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
-        clicked = target.t_unix_us is not None and target.u_px is not None and target.v_px is not None
-        if clicked and target.vehicle_id in self.fleet.vehicles:
-            self.recorder.click(ClickRow(target.t_unix_us or 0, target.u_px or 0.0, target.v_px or 0.0, target.name))
+        if frame is not None and target.vehicle_id in self.fleet.vehicles:
+            self.recorder.click(ClickRow(frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
         self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
         return target
 
@@ -330,6 +340,8 @@ class Station:
             ground_alt_amsl_m=None if profile is None else profile.map.ground_alt_amsl_m,
             gps_denied=any(v.gps_denied for v in self.fleet.vehicles.values()),
             t_start_us=unix_us(),
+            # what was configured is in the frame times already
+            time_offset_s=None if self.settings.time_offset_s is None else 0.0,
         )  # fmt: skip
 
     def _on_heard(self, vehicle: LiveVehicle) -> None:
@@ -363,7 +375,9 @@ class Station:
         try:
             await self.maps.refresh()
             size = None if self.camera is None else self.camera.size_px
-            setup = await asyncio.to_thread(build_setup, self.profile, self.maps.files_for(here), here, size)
+            setup = await asyncio.to_thread(
+                build_setup, self.profile, self.maps.files_for(here), here, size, self.settings.time_offset_s
+            )
         except (GeodataError, StationError, OSError) as error:
             self._setup_problem[vehicle.id] = str(error)
             _log.error("estimator not set up", vehicle=vehicle.id, error=str(error))

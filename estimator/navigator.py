@@ -39,7 +39,9 @@ from estimator.types import (
     InertialSample,
     Mode,
     NavigationState,
+    OffsetSource,
     Sample,
+    VideoOffset,
 )  # fmt: skip
 
 GROUPS = (
@@ -107,6 +109,8 @@ class Navigator:
         if reference is not None:
             self._fixer = MapFixer(Registrar(camera, reference, ground, frame.alt_m, config.matcher), config.map_fix)
         self._video_clock = VideoClock(camera, mount, gimbal, config.video_clock) if config.find_video_offset else None
+        self._video_epoch: int | None = None
+        self._video_stamped = False
         self._clock_s = clock_s
         self._t_us = 0
         self._inertial = InertialTrack(config.inertial_delay_s)
@@ -136,11 +140,26 @@ class Navigator:
         return self._video_clock
 
     def exposure_us(self, t_frame_us: int) -> int:
-        """When a picture with this frame time was taken, as far as the video's clock is known."""
+        """When a picture with this frame time, not stamped, was taken, as far as the video's clock is known."""
         return t_frame_us + (self._video_clock.offset_us if self._video_clock is not None else 0)
+
+    @property
+    def video_offset(self) -> VideoOffset:
+        """What is added to frame times, and how well it is known."""
+        clock = self._video_clock
+        if self._video_stamped:
+            return VideoOffset(OffsetSource.STAMPED, 0.0)
+        if clock is None:
+            return VideoOffset(OffsetSource.GIVEN)
+        found = clock.estimate
+        if not clock.known or found is None:
+            return VideoOffset(OffsetSource.SEARCHING, reason=found.reason if found is not None else "no pictures yet")
+        return VideoOffset(OffsetSource.FOUND, clock.offset_us / 1e6, found.std_s)
 
     def offer(self, sample: Sample) -> None:
         """Take a sample; it is used when ``advance`` passes its time. One that comes too late is counted and left."""
+        if isinstance(sample, FrameSample):
+            self._video_stamped = sample.stamped
         if self._video_clock is not None:
             sample = self._on_one_clock(sample, self._video_clock)
         match sample:
@@ -159,7 +178,12 @@ class Navigator:
         if not isinstance(sample, FrameSample):
             clock.offer(sample)
             return sample
+        if sample.stamped:
+            return sample
         started = self._clock_s()
+        if self._video_epoch not in (None, sample.epoch):
+            clock.restart()
+        self._video_epoch = sample.epoch
         down_camera = np.array([0.0, 0.0, 1.0])
         if self._eskf is not None:
             down_camera = self._camera_now(self._eskf)[0].ned_from_camera[2]
@@ -344,7 +368,7 @@ class Navigator:
         if eskf is None:
             return None
         started = self._clock_s()
-        if self._video_clock is not None:
+        if self._video_clock is not None and not sample.stamped:
             if not self._video_clock.settled:
                 return None
             self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
@@ -401,6 +425,7 @@ class Navigator:
         camera = self._camera_attitude.at(t_us, motion.q_ned_from_body, eskf.nominal.boresight_rad)
         T = np.vstack((eskf.layout.jacobian(3, position=np.eye(3)), camera_rotation_jacobian(camera, eskf)))
         ground_down = self._ground_down(motion.pos_ned_m)
+        has_boresight = eskf.layout.has("boresight")
         return NavigationState(
             t_us=t_us,
             mode=self._mode(eskf, t_us),
@@ -418,6 +443,9 @@ class Navigator:
             cov_attitude_rad2=eskf.cov("attitude"),
             cov_camera_pose=T @ eskf.P @ T.T,
             last_fix_age_s=self._fix_age_s(t_us),
+            boresight_rad=eskf.nominal.boresight_rad.copy() if has_boresight else None,
+            cov_boresight_rad2=eskf.cov("boresight") if has_boresight else None,
+            video_offset=self.video_offset,
         )
 
 

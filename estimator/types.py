@@ -106,11 +106,17 @@ class HomeSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSample:
-    """One picture of the video: ``image`` is (height, width) uint8 grey, or (height, width, 3) BGR."""
+    """One picture of the video: ``image`` is (height, width) uint8 grey, or (height, width, 3) BGR.
+
+    ``stamped`` says that its time was written by the vehicle's own clock, and so needs no offset. Another ``epoch`` may
+    have another clock.
+    """
 
     t_us: int
     frame_id: int
     image: Image
+    epoch: int = 0
+    stamped: bool = False
 
 
 Sample = (
@@ -126,6 +132,28 @@ Sample = (
 )
 
 
+class OffsetSource(StrEnum):
+    """Where the offset between the video's clock and the telemetry's comes from."""
+
+    GIVEN = "given"
+    STAMPED = "stamped"
+    SEARCHING = "searching"
+    FOUND = "found"
+
+
+@dataclass(frozen=True, slots=True)
+class VideoOffset:
+    """What is added to frame times. ``std_s`` is None where nobody has measured it, both are while it is searched.
+
+    ``reason`` says why it has not been found yet.
+    """
+
+    source: OffsetSource
+    offset_s: float | None = None
+    std_s: float | None = None
+    reason: str = ""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationState:
     """Where the vehicle is at ``t_us`` and how sure that is.
@@ -134,6 +162,8 @@ class NavigationState:
     NED in metres, then its small rotation error about the NED axes in radians, boresight included.
     ``alt_agl_m`` is above the ground below the vehicle, NaN where the ground is unknown.
     ``last_fix_age_s`` counts from the last accepted absolute position fix, infinity before the first.
+    ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
+    gimbal frame from the stated mount to the true one; None where it is not estimated.
     """
 
     t_us: int
@@ -152,6 +182,9 @@ class NavigationState:
     cov_attitude_rad2: Float
     cov_camera_pose: Float
     last_fix_age_s: float
+    boresight_rad: Float | None = None
+    cov_boresight_rad2: Float | None = None
+    video_offset: VideoOffset | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -118,7 +118,7 @@ class LiveCamera:
             frame = self._channel.ring.get(frame_id)
         except FrameNotFoundError:
             raise FrameGoneError(self.source, frame_id) from None
-        return FrameIdentity(frame.frame_id, frame.t_us, frame.width, frame.height)
+        return FrameIdentity(frame.frame_id, frame.t_us, frame.width, frame.height, frame.stamped)
 
     async def jpeg(self, frame_id: int) -> bytes:
         """A frame of the last minute as JPEG; FrameGoneError for others."""
@@ -147,7 +147,7 @@ class LiveCamera:
             return
         image, self.size_problem = fitted(frame.image, self._calibrated)
         if image is not None and self._runs_forward(frame):
-            self._on_picture(FrameSample(frame.t_us, frame.frame_id, image))
+            self._on_picture(FrameSample(frame.t_us, frame.frame_id, image, frame.epoch, frame.stamped))
 
     def _runs_forward(self, frame: DecodedFrame) -> bool:
         # When the delay proves smaller than thought, the next exposures lie before those of pictures already given:

@@ -10,12 +10,13 @@ from backend.fleet.viewers import Audience
 
 @dataclass(frozen=True, slots=True)
 class FrameIdentity:
-    """When a frame was exposed, and its size."""
+    """When a frame was exposed by the video's clock, or by the vehicle's where it is ``stamped``, and its size."""
 
     frame_id: int
     t_us: int
     width_px: int
     height_px: int
+    stamped: bool = False
 
 
 class VideoFeed(Protocol):

@@ -13,7 +13,7 @@ from backend.uncertainty import ellipse95
 from estimator.geometry.ground import intersect_plane
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import euler_from_q, matrix_from_q
-from estimator.types import FixReport, NavigationState
+from estimator.types import FixReport, NavigationState, OffsetSource
 
 FOOTPRINT_REACH_M = 5000.0
 
@@ -52,8 +52,31 @@ def state_fields(state: NavigationState, epoch: int, gps_denied: bool, setup: Na
         "heading_deg": finite(math.degrees(yaw) % 360.0),
         "last_fix_age_s": finite(state.last_fix_age_s),
         "gps_denied": gps_denied,
+        **camera_fields(state, setup),
         "footprint": footprint(state, setup) if setup is not None and setup.has_camera else None,
     }
+
+
+def camera_fields(state: NavigationState, setup: NavigationSetup | None) -> dict[str, Any]:
+    """What is known of the camera: its clock, and how far its axes lie from the stated mount; None without a camera.
+
+    ``boresight_deg`` is about the axes x, y, z of the body, or of the gimbal's frame where there is a gimbal.
+    """
+    nothing: dict[str, Any] = {"video_clock": None, "boresight_deg": None, "boresight_std_deg": None}
+    if setup is None or not setup.has_camera:
+        return nothing
+    fields = dict(nothing)
+    offset = state.video_offset
+    if offset is not None:
+        given_s = setup.time_offset_s if offset.source is OffsetSource.GIVEN else offset.offset_s
+        fields["video_clock"] = {
+            "source": str(offset.source), "time_offset_s": given_s, "std_s": offset.std_s, "reason": offset.reason,
+        }  # fmt: skip
+    if state.boresight_rad is not None and state.cov_boresight_rad2 is not None:
+        std_rad = np.sqrt(np.maximum(np.diag(state.cov_boresight_rad2), 0.0))
+        fields["boresight_deg"] = [finite(math.degrees(float(angle))) for angle in state.boresight_rad]
+        fields["boresight_std_deg"] = [finite(math.degrees(float(std))) for std in std_rad]
+    return fields
 
 
 def footprint(state: NavigationState, setup: NavigationSetup) -> list[list[float]] | None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import state_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
 from backend.link.events import Autopilot, TelemetryGps, VehicleType
@@ -72,6 +73,9 @@ class VehicleView(Protocol):
 
     async def state_at(self, t_us: int) -> NavigationState | None:
         """The state at a time, None when it is not known."""
+
+    def exposure_us(self, frame: FrameIdentity) -> int:
+        """When a frame was exposed, on the clock of the states."""
 
     def assumption_at(self, t_us: int) -> str | None:
         """What the state at a time assumes beyond what was estimated, in words for a target's method."""
@@ -175,6 +179,12 @@ class LiveVehicle:
         if reading.has_fix and reading.lat_deg is not None and reading.lon_deg is not None:
             point = TrackPoint(reading.t_us, 1, reading.lat_deg, reading.lon_deg, reading.alt_amsl_m or 0.0)
             self.tracks["gps"].add(point)
+
+    def exposure_us(self, frame: FrameIdentity) -> int:
+        """When a frame was exposed, with the offset of the video's clock as far as the estimator has found it."""
+        if self.worker is None or frame.stamped:
+            return frame.t_us
+        return self.worker.exposure_us(frame.t_us)
 
     def assumption_at(self, t_us: int) -> str | None:
         """Nothing: the estimator says how sure it is of everything."""

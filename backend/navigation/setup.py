@@ -49,7 +49,8 @@ class Place:
 class NavigationSetup:
     """Everything a Navigator is built from, shared with whoever turns its states into coordinates.
 
-    ``has_camera`` is False when the camera is a stand-in: then no picture may be offered.
+    ``has_camera`` is False when the camera is a stand-in: then no picture may be offered. ``time_offset_s`` is what was
+    added to the times of pictures without stamps; where it is None the Navigator finds it.
     """
 
     camera: Camera
@@ -61,12 +62,12 @@ class NavigationSetup:
     ground: GroundModel
     ground_std_m: float
     map_id: str | None
+    time_offset_s: float | None = 0.0
 
     def navigator(self) -> Navigator:
         """A fresh Navigator."""
-        return Navigator(
-            NavigatorConfig(), self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground
-        )
+        config = NavigatorConfig(find_video_offset=self.has_camera and self.time_offset_s is None)
+        return Navigator(config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground)
 
 
 def read_camera_profile(path: Path) -> CameraProfile:
@@ -127,7 +128,11 @@ class MapFiles:
 
 
 def build_setup(
-    profile: CameraProfile | None, maps: MapFiles, here: Place, video_size_px: tuple[int, int] | None = None
+    profile: CameraProfile | None,
+    maps: MapFiles,
+    here: Place,
+    video_size_px: tuple[int, int] | None = None,
+    time_offset_s: float | None = 0.0,
 ) -> NavigationSetup:
     """Read the map about a place and put everything together. Takes seconds for a large map: not for the event loop.
 
@@ -150,7 +155,16 @@ def build_setup(
         camera = Camera.from_hfov(width_px, height_px, math.radians(60.0))
         mount, gimbal = Mount(0.0, -math.pi / 2, 0.0, np.zeros(3)), "fixed"
     return NavigationSetup(
-        camera, mount, str(gimbal), profile is not None, frame, reference, ground, ground_std_m, maps.map_id
+        camera,
+        mount,
+        str(gimbal),
+        profile is not None,
+        frame,
+        reference,
+        ground,
+        ground_std_m,
+        maps.map_id,
+        time_offset_s,
     )
 
 

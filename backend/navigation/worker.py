@@ -52,6 +52,9 @@ class NavigatorLike(Protocol):
     def state_at(self, t_us: int) -> NavigationState | None:
         """The state at a past time."""
 
+    def exposure_us(self, t_frame_us: int) -> int:
+        """When a picture with this frame time was taken."""
+
 
 @dataclass(slots=True)
 class WorkerCounts:
@@ -108,6 +111,7 @@ class NavigationWorker:
         self._questions: deque[_StateQuestion] = deque()
         self._waiting_frames = 0
         self._changed = threading.Condition()
+        self._video_offset_us = 0
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f"navigation-{name}", daemon=True)
 
@@ -138,6 +142,10 @@ class NavigationWorker:
             return self._least_delay_us
         usual_us = ages[len(ages) * 9 // 10] + DELAY_MARGIN_US
         return min(max(usual_us, self._least_delay_us), MAX_DELAY_US)
+
+    def exposure_us(self, t_frame_us: int) -> int:
+        """When a picture with this frame time, not stamped, was taken, as far as the video's clock is known."""
+        return t_frame_us + self._video_offset_us
 
     def offer(self, sample: Sample) -> None:
         """Hand in a sample. When the estimator falls behind, old pictures go first, then old samples; both counted."""
@@ -232,6 +240,7 @@ class NavigationWorker:
             navigator.offer(sample)
             self.counts.samples += 1
             self.counts.frames += isinstance(sample, FrameSample)
+        self._video_offset_us = navigator.exposure_us(0)
 
     def _advance(self, navigator: NavigatorLike, has_news: bool) -> None:
         started_us = mono_us()

@@ -156,6 +156,10 @@ class Playback:
         """The recorded or computed state at a time."""
         return None if self._states is None else self._states.at(t_us)
 
+    def exposure_us(self, frame: FrameIdentity) -> int:
+        """When a frame was exposed: the recording's times have the offset in them."""
+        return frame.t_us
+
     def assumption_at(self, t_us: int) -> str | None:
         """What the state at a time assumes beyond what the flight's estimate tells."""
         return None if self._states is None else self._states.assumption_at(t_us)

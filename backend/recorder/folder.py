@@ -10,7 +10,7 @@ from pathlib import Path
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.video.frames import EncodedFrame
 from backend.video.writer import TsWriter
-from estimator.types import NavigationState
+from estimator.types import NavigationState, OffsetSource
 from geodata.flight import CsvAppender, TlogWriter, write_flight_json
 from geodata.flight_meta import CameraMeta, FlightMeta, HomeMeta, MapMeta, VehicleMeta, VideoMeta
 from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS
@@ -22,7 +22,7 @@ ESTIMATE_STEP_US = 90_000
 
 @dataclass(frozen=True, slots=True)
 class RecordingPlan:
-    """What is known when a recording starts."""
+    """What is known when a recording starts; ``time_offset_s`` is to be added to frame times, None while unknown."""
 
     vehicle: VehicleMeta
     camera: CameraMeta | None
@@ -33,11 +33,12 @@ class RecordingPlan:
     ground_alt_amsl_m: float | None
     gps_denied: bool
     t_start_us: int
+    time_offset_s: float | None = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class ClickRow:
-    """One line of ``clicks.csv``: exposure time, pixel of the recorded video, and the target's id."""
+    """One line of ``clicks.csv``: frame time, pixel of the recorded video, and the target's id."""
 
     t_us: int
     u_px: float
@@ -64,6 +65,8 @@ class FlightWriter:
         self._video: TsWriter | None = None
         self._picture_codec = False
         self._small_bytes = 0
+        self._time_offset_s = plan.time_offset_s
+        self._told_offset_s = plan.time_offset_s
         self._meta = FlightMeta(
             schema="pilotage.flight/1",
             name=name,
@@ -122,6 +125,8 @@ class FlightWriter:
         """Append a line of ``estimate.csv``, at most ten a second."""
         if state.t_us - self._last_state_us < ESTIMATE_STEP_US:
             return
+        if state.video_offset is not None and state.video_offset.source is OffsetSource.FOUND:
+            self._time_offset_s = state.video_offset.offset_s
         self._last_state_us = state.t_us
         self._estimate.write(*estimate_cells(state))
         self._small_bytes += 480
@@ -144,7 +149,7 @@ class FlightWriter:
         """Hand everything to the operating system, and GPS denial that still lasts into ``flight.json``."""
         if self._video is not None:
             self._video.flush()
-        if self._denied_since_us is not None:
+        if self._denied_since_us is not None or self._time_offset_s != self._told_offset_s:
             self._write_meta()
 
     def close(self) -> None:
@@ -169,9 +174,9 @@ class FlightWriter:
         else:
             self._video = TsWriter(self.folder / VIDEO_FILE)
         self._frames = CsvAppender(self.folder / "frames.csv", FRAME_COLUMNS)
-        video = VideoMeta(
-            file=PICTURE_FOLDER if self._picture_codec else None, start_time_us=frame.t_us, time_offset_s=0.0
-        )
+        if frame.stamped:
+            self._time_offset_s = 0.0
+        video = VideoMeta(file=PICTURE_FOLDER if self._picture_codec else None, start_time_us=frame.t_us)
         self._meta = self._meta.model_copy(update={"video": video})
         self._write_meta()
 
@@ -179,7 +184,9 @@ class FlightWriter:
         intervals = list(self._denied)
         if self._denied_since_us is not None and self._last_us > self._denied_since_us:
             intervals.append((self._denied_since_us, self._last_us))
-        meta = self._meta.model_copy(update={"gps_denied": tuple(intervals)})
+        self._told_offset_s = self._time_offset_s
+        video = self._meta.video.model_copy(update={"time_offset_s": self._time_offset_s})
+        meta = self._meta.model_copy(update={"gps_denied": tuple(intervals), "video": video})
         if self._video is not None and (self.folder / VIDEO_FILE).exists():
             # Named only once it is there: a folder that names a missing file is broken.
             meta = meta.model_copy(update={"video": meta.video.model_copy(update={"file": VIDEO_FILE})})

@@ -205,7 +205,7 @@ class VideoChannel:
     def _show(self, frame: EncodedFrame, grey: Image) -> None:
         self._monitor.decoded(grey, frame.t_wire_us, self._clock())
         if not self._closing:
-            self._on_decoded(DecodedFrame(frame.frame_id, frame.epoch, frame.t_us, grey))
+            self._on_decoded(DecodedFrame(frame.frame_id, frame.epoch, frame.t_us, grey, frame.stamped))
 
     def _show_jpeg(self, work: _Coded, *, behind: bool) -> None:
         if work.frame is None or behind:
@@ -222,7 +222,7 @@ class VideoChannel:
     def _show_as_jpeg(self, frame: EncodedFrame, colour: Image) -> None:
         jpeg = EncodedFrame(
             frame.frame_id, frame.epoch, frame.t_us, frame.t_wire_us, "jpeg", "jpeg", True, frame.width, frame.height,
-            encode_jpeg(colour),
+            encode_jpeg(colour), frame.stamped,
         )  # fmt: skip
         if not self._closing:
             self._on_jpeg(jpeg)

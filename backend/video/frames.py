@@ -31,7 +31,7 @@ class EncodedFrame:
     ``frame_id`` counts up over the station's life and is never used twice. ``epoch`` rises on reconnect, change of size
     and seek. ``t_us`` is the exposure, ``t_wire_us`` the arrival of the first byte, both on the station's time base.
     ``payload`` is H.264 as a byte stream with parameter sets in front of every key frame, or JPEG, where every frame is
-    a key frame.
+    a key frame. ``stamped`` says that the exposure was written into the picture by the vehicle's own clock.
     """
 
     frame_id: int
@@ -44,6 +44,7 @@ class EncodedFrame:
     width: int
     height: int
     payload: bytes
+    stamped: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +55,7 @@ class DecodedFrame:
     epoch: int
     t_us: int
     image: Image
+    stamped: bool = False
 
 
 class VideoStatus(StrEnum):

@@ -105,5 +105,6 @@ class FrameMaker:
         frame_id = self._next_id
         self._next_id += 1
         return EncodedFrame(
-            frame_id, self.epoch, t_us, unit.t_wire_us, codec, codec_string, key, size_px[0], size_px[1], payload
-        )
+            frame_id, self.epoch, t_us, unit.t_wire_us, codec, codec_string, key, size_px[0], size_px[1], payload,
+            self._clock.stamped,
+        )  # fmt: skip

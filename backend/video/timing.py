@@ -23,23 +23,28 @@ class ExposureClock:
 
     A stamp is on the vehicle's Unix clock and goes through ``map_vehicle_unix``; while that knows nothing, a stamp that
     agrees with the station's clock is taken as it is. ``time_offset_us`` is added to times that are not stamps.
+    ``stamped`` says whether the last exposure was a stamp.
     """
 
     def __init__(self, map_vehicle_unix: VehicleClockMap | None = None, time_offset_us: int = 0) -> None:
         self._map = map_vehicle_unix
         self._time_offset_us = time_offset_us
+        self.stamped = False
         self._of_stamps = SmallestDelay()
         self._of_pts = SmallestDelay()
 
     def exposure_us(self, stamp_us: int | None, pts_us: int | None, t_wire_us: int) -> int:
         """Exposure of a picture with these times, any of them None, whose first byte arrived at ``t_wire_us``."""
+        self.stamped = False
         if stamp_us is not None:
             by_delay_us = self._of_stamps.station_us(stamp_us, t_wire_us)
             mapped_us = self._map(stamp_us) if self._map is not None else None
             if mapped_us is not None and -_MAX_AHEAD_US <= t_wire_us - mapped_us <= _MAX_AGE_US:
+                self.stamped = True
                 return mapped_us
             # The smallest delay, not this picture's: one that was held up on the way has its exposure all the same.
             if mapped_us is None and -_MAX_AHEAD_UNMAPPED_US <= by_delay_us - stamp_us <= _MAX_AGE_UNMAPPED_US:
+                self.stamped = True
                 return stamp_us
             return by_delay_us + self._time_offset_us
         if pts_us is not None:

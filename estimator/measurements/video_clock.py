@@ -7,6 +7,7 @@ turn more.
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,10 +38,12 @@ class VideoClock:
     def __init__(self, camera: Camera, mount: Mount, gimbal: str, config: VideoClockConfig | None = None) -> None:
         self.config = config or VideoClockConfig()
         self.estimate: OffsetEstimate | None = None
+        self._camera = camera
         self._gyro = ImageGyro(camera)
+        self._estimating: Generator[None, None, OffsetEstimate] | None = None
         self._clock = CameraClock(mount, gimbal, self.config.clock)
         self._first_t_us: int | None = None
-        self._asked_t_us = 0
+        self._asked_t_us: int | None = None
         self._waited_s = 0.0
         self._offset_us = 0
         self._known = False
@@ -50,25 +53,50 @@ class VideoClock:
         """Take a sample of the telemetry."""
         self._clock.offer(sample)
 
+    def restart(self) -> None:
+        """The pictures' clock begins anew, as after a reconnect: the offset of before serves until one is found."""
+        self._clock.reset()
+        self._gyro = ImageGyro(self._camera)
+        self._estimating = None
+        self._asked_t_us = None
+
     def see(self, t_frame_us: int, image: Image, down_camera: Float) -> None:
-        """Take a grey picture with its own frame time; ``down_camera`` (3,) is about where down is, in camera axes."""
+        """Take a grey picture with its own frame time; ``down_camera`` (3,) is about where down is, in camera axes.
+
+        The estimate is computed a little with each picture: at once, it would hold up the filter for too long.
+        """
         if self._first_t_us is None:
-            self._first_t_us = self._asked_t_us = t_frame_us
-        self._waited_s = (t_frame_us - self._first_t_us) / 1e6
+            self._first_t_us = t_frame_us
+        if self._asked_t_us is None:
+            self._asked_t_us = t_frame_us
+        self._waited_s = max(self._waited_s, (t_frame_us - self._first_t_us) / 1e6)
         turn = self._gyro.step(t_frame_us, image, down_camera)
         if turn is not None:
             self._clock.add_turn(turn.t_first_us, turn.t_second_us, turn.rotvec_camera_rad, turn.cov_rotvec_rad2)
         interval_s = self.config.interval_s if self._known else self.config.first_interval_s
-        if t_frame_us - self._asked_t_us < interval_s * 1e6:
-            return
-        self._asked_t_us = t_frame_us
-        estimate = self._clock.estimate()
+        if self._estimating is None:
+            if t_frame_us - self._asked_t_us < interval_s * 1e6:
+                return
+            self._asked_t_us = t_frame_us
+            self._estimating = self._clock.steps()
+        try:
+            next(self._estimating)
+        except StopIteration as end:
+            self._estimating = None
+            self._take(end.value)
+
+    def _take(self, estimate: OffsetEstimate) -> None:
         if estimate.observable and estimate.std_s <= self.config.max_std_s:
             self.estimate = estimate
             self._offset_us = round(estimate.offset_s * 1e6)
             self._known = True
         elif self.estimate is None or not self._known:
             self.estimate = estimate
+
+    @property
+    def known(self) -> bool:
+        """Whether the offset has been found."""
+        return self._known
 
     @property
     def offset_us(self) -> int:
@@ -82,10 +110,11 @@ class VideoClock:
 
     @property
     def lag_us(self) -> int:
-        """How far the filter must stay behind the newest frame time, so that no picture comes too late."""
-        if self.settled:
-            return max(-self._offset_us, 0)
-        return round(self.config.clock.offset.span_s * 1e6)
+        """How far the filter must stay behind the newest frame time, so that no picture comes too late.
+
+        Nothing while the offset is searched: no picture counts then, and the state must not lag behind for it.
+        """
+        return max(-self._offset_us, 0)
 
     def boresight(self, eskf: ErrorStateFilter) -> Innovation | None:
         """The misalignment that the turns show, once: what comes later is not independent of it."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Generator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,7 +11,14 @@ import numpy as np
 from estimator.geometry.camera import GIMBAL_FROM_CAMERA, Mount
 from estimator.geometry.rotation import q_multiply
 from estimator.history import AttitudeTrack
-from estimator.timing.offset import OffsetConfig, OffsetEstimate, PictureTurns, estimate_offset, unknown_offset
+from estimator.timing.offset import (
+    OffsetConfig,
+    OffsetEstimate,
+    PictureTurns,
+    finished,
+    offset_steps,
+    unknown_offset,
+)  # fmt: skip
 from estimator.timing.turns import TurnTrack
 from estimator.types import AttitudeSample, CameraAttitudeSample, Float, InertialSample
 
@@ -80,7 +88,7 @@ class CameraClock:
     def estimate(self) -> OffsetEstimate:
         """The offset by what the window holds; computed once for each new turn, tens of milliseconds."""
         if self._estimate is None:
-            self._estimate = self._estimated()
+            self._estimate = finished(self.steps())
         return self._estimate
 
     def _add_camera_attitude(self, sample: CameraAttitudeSample) -> None:
@@ -92,7 +100,8 @@ class CameraClock:
             q = q_multiply(_heading_alone(body), q)
         self._camera_attitudes.add(sample.t_us, q)
 
-    def _estimated(self) -> OffsetEstimate:
+    def steps(self) -> Generator[None, None, OffsetEstimate]:
+        """The estimate by what the window holds now, in steps of a few milliseconds; samples may come in between."""
         config = self.config.offset
         if len(self._turns) < config.min_pairs:
             return unknown_offset(config, len(self._turns), "too few pairs of pictures")
@@ -104,7 +113,10 @@ class CameraClock:
         tracks, frame_from_camera = self._tracks(origin_us)
         if not tracks:
             return unknown_offset(config, len(turns), "no telemetry that turns with the camera")
-        estimates = [estimate_offset(turns, track, frame_from_camera, config) for track in tracks]
+        estimates = []
+        for track in tracks:
+            estimate = yield from offset_steps(turns, track, frame_from_camera, config)
+            estimates.append(estimate)
         # rates that alias and attitudes that jitter both show in the residuals
         return min(estimates, key=_misfit)
 

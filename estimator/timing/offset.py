@@ -15,7 +15,9 @@ the sandwich of M-estimation with the residuals' autocorrelation in it (Newey an
 from __future__ import annotations
 
 import math
+from collections.abc import Generator
 from dataclasses import dataclass, field
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +34,11 @@ _SETTLED_S = 1e-6
 _FAR_OFF = 50.0
 # that so many basins of the search may compete
 _BASINS = 4
+# one step of the work: so many turns, each looked at for one offset, are some five milliseconds
+_TURNS_A_STEP = 16_000
+# a Gauss-Newton step, and the verdict, cost as much as that many offsets
+_OFFSETS_A_FIT = 10
+_Result = TypeVar("_Result")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +129,23 @@ def estimate_offset(
     OffsetEstimate
         Not observable, with a reason and a large sigma, where there is too little to go by.
     """
+    return finished(offset_steps(turns, track, frame_from_camera, config))
+
+
+def finished(steps: Generator[None, None, _Result]) -> _Result:
+    """The result of work that comes in steps, done at once."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            result: _Result = end.value
+            return result
+
+
+def offset_steps(
+    turns: PictureTurns, track: TurnTrack, frame_from_camera: Float, config: OffsetConfig
+) -> Generator[None, None, OffsetEstimate]:
+    """`estimate_offset` in steps of a few milliseconds, for who has other work that cannot wait for the whole."""
     known = track.covers(turns.first_s - config.span_s, turns.second_s + config.span_s)
     turns = turns.where(known & np.isfinite(turns.rotvec_camera_rad).all(axis=1))
     if len(turns) < config.min_pairs:
@@ -131,12 +155,14 @@ def estimate_offset(
     start = _State()
     scale = np.zeros(3)
     # the noise that the telemetry adds is known only near the right offset: scan, measure it, scan again
-    start.offset_s = float(lags_s[int(np.argmin(problem.scan(lags_s, start, scale)))])
+    costs = yield from problem.scan(lags_s, start, scale)
+    start.offset_s = float(lags_s[int(np.argmin(costs))])
     scale = problem.added_noise(start)
-    costs = problem.scan(lags_s, start, scale)
-    start.offset_s = problem.minima(lags_s, costs, start, scale)[0].lag_s
-    solution = problem.refine(start)
-    return problem.judged(solution, lags_s)
+    costs = yield from problem.scan(lags_s, start, scale)
+    basins = yield from problem.minima(lags_s, costs, start, scale)
+    start.offset_s = basins[0].lag_s
+    solution = yield from problem.refine(start)
+    return (yield from problem.judged(solution, lags_s))
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +194,14 @@ class _Problem:
         bias = np.full(3, 1.0 / config.rate_bias_std_rad_s**2)
         self._prior = np.diag([0.0, *np.full(3, 1.0 / config.boresight_std_rad**2), *bias])
         self._added = np.zeros(3)
+        self._since_pause = 0
+
+    def _pause(self, offsets: int) -> Generator[None, None, None]:
+        """Let others work, if looking at so many offsets and what went before are a step."""
+        self._since_pause += offsets * len(self._turns)
+        if self._since_pause >= _TURNS_A_STEP:
+            self._since_pause = 0
+            yield
 
     def predicted(self, state: _State) -> Float:
         """Rotation vectors (n, 3) that the telemetry predicts, bias left out."""
@@ -179,11 +213,12 @@ class _Problem:
         noise = self._turns.cov_rotvec_rad2 + added * (self._dt_s**2)[:, None, None]
         return np.asarray(np.linalg.inv(noise), dtype=np.float64)
 
-    def scan(self, lags_s: Float, state: _State, added_rad_s: Float) -> Float:
+    def scan(self, lags_s: Float, state: _State, added_rad_s: Float) -> Generator[None, None, Float]:
         """Robust cost (m,) at each offset, the bias fitted, all else as it stands."""
         inverse = self._inverse_noise(added_rad_s)
         costs = np.empty(len(lags_s))
         for index, lag_s in enumerate(lags_s):
+            yield from self._pause(1)
             at = _State(float(lag_s), state.misaligned)
             residuals = self._turns.rotvec_camera_rad - self.predicted(at)
             residuals = residuals - np.median(residuals / self._dt_s[:, None], axis=0) * self._dt_s[:, None]
@@ -191,7 +226,9 @@ class _Problem:
             costs[index] = (_FREEDOM + 3.0) * np.log1p(squares / _FREEDOM).sum()
         return costs
 
-    def minima(self, lags_s: Float, costs: Float, state: _State, added_rad_s: Float) -> list[_Minimum]:
+    def minima(
+        self, lags_s: Float, costs: Float, state: _State, added_rad_s: Float
+    ) -> Generator[None, None, list[_Minimum]]:
         """The lowest basins (at least one) of a scan's costs (m,), looked up at a tenth of its step, best first."""
         padded = np.concatenate(([np.inf], costs, [np.inf]))
         basins = np.flatnonzero((costs <= padded[:-2]) & (costs <= padded[2:]))
@@ -200,7 +237,7 @@ class _Problem:
         fine_s = np.linspace(-0.5, 0.5, 11) * float(lags_s[1] - lags_s[0])
         for index in basins:
             near_s = np.clip(lags_s[index] + fine_s, lags_s[0], lags_s[-1])
-            near = self.scan(near_s, state, added_rad_s)
+            near = yield from self.scan(near_s, state, added_rad_s)
             best = int(np.argmin(near))
             found.append(_Minimum(float(near_s[best]), float(near[best])))
         return sorted(found, key=lambda basin: basin.cost)
@@ -214,10 +251,11 @@ class _Problem:
         added: Float = np.sqrt(np.maximum(seen**2 - said, 0.0))
         return added
 
-    def refine(self, start: _State) -> _State:
+    def refine(self, start: _State) -> Generator[None, None, _State]:
         """Gauss-Newton from a start; the noise is measured anew in each step."""
         state = _State(start.offset_s, start.misaligned, start.rate_bias_rad_s)
         for _ in range(_STEPS):
+            yield from self._pause(_OFFSETS_A_FIT)
             self._added = self.added_noise(state)
             residuals, J, inverse, weights = self._linearised(state)
             weighted = np.einsum("n,nij->nij", weights, inverse)
@@ -256,12 +294,13 @@ class _Problem:
         weights = (_FREEDOM + 3.0) / (_FREEDOM + squares)
         return residuals, J, inverse, weights
 
-    def judged(self, state: _State, lags_s: Float) -> OffsetEstimate:
+    def judged(self, state: _State, lags_s: Float) -> Generator[None, None, OffsetEstimate]:
         """The estimate with its sigmas."""
         config = self._config
         cov, efficiency = self._covariance(state)
         local_std_s = min(math.sqrt(cov[0, 0]), 10.0 * config.span_s)
-        std_s = self._std_over_span(state, lags_s, local_std_s, efficiency)
+        yield from self._pause(_OFFSETS_A_FIT)
+        std_s = yield from self._std_over_span(state, lags_s, local_std_s, efficiency)
         std_s = math.hypot(std_s, config.sensor_delay_std_s, self._pull_of_telemetry_noise_s(state))
         correlation = self._correlation(state)
         rates = (self._turns.rotvec_camera_rad - self.predicted(state)) / self._dt_s[:, None] - state.rate_bias_rad_s
@@ -339,16 +378,19 @@ class _Problem:
         averaging = max(float(np.median(self._dt_s)) / self._track.interval_s, 1.0)
         return seen, np.minimum(rough / averaging, seen)
 
-    def _std_over_span(self, state: _State, lags_s: Float, local_std_s: float, efficiency: float) -> float:
+    def _std_over_span(
+        self, state: _State, lags_s: Float, local_std_s: float, efficiency: float
+    ) -> Generator[None, None, float]:
         """Sigma of the offset over the whole span: the minimum's own, and the mass of everything else."""
         config = self._config
         flat_std_s = config.span_s / math.sqrt(3.0)
         if local_std_s > flat_std_s:
             return flat_std_s
         width_s = math.sqrt(math.tau) * local_std_s
-        costs = self.scan(lags_s, state, self._added)
-        basins = self.minima(lags_s, costs, state, self._added)
-        here = float(self.scan(np.array([state.offset_s]), state, self._added)[0])
+        costs = yield from self.scan(lags_s, state, self._added)
+        basins = yield from self.minima(lags_s, costs, state, self._added)
+        at_offset = yield from self.scan(np.array([state.offset_s]), state, self._added)
+        here = float(at_offset[0])
         # another basin may be the true one in spite of its cost; the slopes of this one may not
         gained = np.concatenate(
             (

@@ -13,6 +13,7 @@ from estimator.types import (
     GnssSample,
     InertialSample,
     Mode,
+    OffsetSource,
 )
 from tests.estimator.registration.textured_map import MAP, NADIR_TOP_NORTH, FlatGround, TexturedMap, seen_by
 
@@ -49,7 +50,14 @@ def _navigator(reference: TexturedMap | None = MAP, **changes: object) -> Naviga
 
 
 def _fly(
-    navigator: Navigator, start_s: float, end_s: float, *, gnss: bool = True, frames: bool = True, inertial: bool = True
+    navigator: Navigator,
+    start_s: float,
+    end_s: float,
+    *,
+    gnss: bool = True,
+    frames: bool = True,
+    inertial: bool = True,
+    stamped: bool = False,
 ) -> list[FixReport]:
     """Offer and process all that the vehicle reports in a span."""
     reports: list[FixReport] = []
@@ -64,7 +72,7 @@ def _fly(
         if gnss and k % 20 == 0:
             navigator.offer(_gnss(t_s))
         if frames and k % 10 == 5:
-            navigator.offer(FrameSample(_t_us(t_s), k, _picture(_truth(t_s))))
+            navigator.offer(FrameSample(_t_us(t_s), k, _picture(_truth(t_s)), stamped=stamped))
         reports += navigator.advance(_t_us(t_s))
     return reports
 
@@ -273,3 +281,41 @@ def test_flying_off_the_elevation_model_stops_nothing() -> None:
     assert "ground height unknown" in {report.reason for report in reports}
     assert navigator.state is not None
     assert np.isfinite(navigator.state.pos_ned_m).all()
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_only_pictures_without_the_vehicles_stamp_wait_for_the_videos_clock(stamped: bool) -> None:
+    """Level and straight flight tells nothing of the clock: pictures that need it are held back, the state is not."""
+    navigator = _navigator(find_video_offset=True)
+    reports = _fly(navigator, 0.0, 5.0, stamped=stamped)
+
+    assert bool(reports) is stamped
+    state = navigator.state
+    assert state is not None
+    # the horizon does not lag while the clock is searched
+    assert _t_us(5.0) - state.t_us <= 50_000
+    assert state.video_offset is not None
+    assert state.video_offset.source is (OffsetSource.STAMPED if stamped else OffsetSource.SEARCHING)
+    assert bool(state.video_offset.reason) is not stamped
+
+
+def test_the_cameras_misalignment_is_part_of_the_state() -> None:
+    navigator = _navigator()
+    _fly(navigator, 0.0, 3.0, frames=False)
+    prior = navigator.state
+    _fly(navigator, 3.0, 10.0)
+    told = navigator.state
+
+    assert prior is not None
+    assert told is not None
+    assert prior.cov_boresight_rad2 is not None
+    assert told.boresight_rad is not None
+    assert told.cov_boresight_rad2 is not None
+    first_rad = np.sqrt(np.diag(prior.cov_boresight_rad2))
+    assert first_rad == pytest.approx(np.full(3, InitialGuess().boresight_std_rad), rel=0.05)
+    # the true misalignment is none; map fixes tell of roll and pitch
+    std_rad = np.sqrt(np.diag(told.cov_boresight_rad2))
+    assert (std_rad[:2] < first_rad[:2]).all()
+    assert (np.abs(told.boresight_rad) < 3.0 * std_rad).all()
+    assert told.video_offset is not None
+    assert told.video_offset.source is OffsetSource.GIVEN

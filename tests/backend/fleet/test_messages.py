@@ -10,11 +10,11 @@ import numpy as np
 import orjson
 from numpy.testing import assert_allclose
 
-from backend.fleet.messages import fix_fields, footprint, state_fields
+from backend.fleet.messages import camera_fields, fix_fields, footprint, state_fields
 from backend.navigation.setup import CameraProfile, MapFiles, NavigationSetup, Place, build_setup
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import q_from_euler
-from estimator.types import FixReport
+from estimator.types import FixReport, OffsetSource, VideoOffset
 from geodata.flight_meta import MapMeta
 from tests.backend.flight_maker import CAMERA, GROUND_M, HEIGHT_M, LAT_DEG, LON_DEG, SIZE, T0_US, state
 
@@ -77,3 +77,33 @@ def test_a_refused_fix_has_no_place() -> None:
 
     assert (fields["lat_deg"], fields["lon_deg"], fields["cov_ne_m2"], fields["score"]) == (None, None, None, None)
     assert_allclose([accepted["lat_deg"], accepted["lon_deg"]], [LAT_DEG, LON_DEG], atol=1e-9)
+
+
+def test_what_is_known_of_the_camera_is_told_in_degrees_and_seconds() -> None:
+    found = VideoOffset(OffsetSource.FOUND, -0.1213, 0.004)
+    with_camera = replace(
+        state(T0_US), video_offset=found, boresight_rad=np.radians([0.3, -0.2, 0.1]),
+        cov_boresight_rad2=np.diag(np.radians([0.1, 0.2, 0.4]) ** 2),
+    )  # fmt: skip
+    fields = camera_fields(with_camera, setup())
+
+    assert fields["video_clock"] == {"source": "found", "time_offset_s": -0.1213, "std_s": 0.004, "reason": ""}
+    assert_allclose(fields["boresight_deg"], [0.3, -0.2, 0.1])
+    assert_allclose(fields["boresight_std_deg"], [0.1, 0.2, 0.4])
+    assert json.loads(orjson.dumps(state_fields(with_camera, 1, False, setup())))["boresight_deg"] is not None
+
+
+def test_what_nobody_knows_of_the_camera_is_null() -> None:
+    searching = replace(state(T0_US), video_offset=VideoOffset(OffsetSource.SEARCHING, reason="too few pairs"))
+    configured = replace(setup(), time_offset_s=0.25)
+    given = camera_fields(replace(state(T0_US), video_offset=VideoOffset(OffsetSource.GIVEN)), configured)
+
+    assert camera_fields(searching, setup())["video_clock"] == {
+        "source": "searching", "time_offset_s": None, "std_s": None, "reason": "too few pairs",
+    }  # fmt: skip
+    assert given["video_clock"] == {"source": "given", "time_offset_s": 0.25, "std_s": None, "reason": ""}
+    # no camera file: nothing is said of a camera that is a stand-in
+    no_camera = camera_fields(searching, replace(setup(), has_camera=False))
+    assert set(no_camera.values()) == {None}
+    # a replayed estimate says nothing of either
+    assert set(camera_fields(state(T0_US), setup()).values()) == {None}

@@ -67,3 +67,18 @@ def test_the_frame_lies_in_the_middle_of_a_map_unless_that_is_far_away() -> None
 
     assert_allclose(np.degrees([near.frame.lat_rad, near.frame.lon_rad]), [47.01, 8.01])
     assert_allclose([large.frame.lat_rad, large.frame.lon_rad], [HERE.lat_rad, HERE.lon_rad])
+
+
+@pytest.mark.parametrize(
+    ("offset_s", "has_camera", "searches"),
+    [(None, True, True), (0.0, True, False), (0.3, True, False), (None, False, False)],
+)
+def test_the_videos_clock_is_searched_where_nobody_said_its_offset(
+    tmp_path: Path, offset_s: float | None, has_camera: bool, searches: bool
+) -> None:
+    path = tmp_path / "cam.json"
+    path.write_text(json.dumps(CAMERA))
+    profile = read_camera_profile(path) if has_camera else None
+    setup = build_setup(profile, NO_MAP, HERE, time_offset_s=offset_s)
+
+    assert (setup.navigator().video_clock is not None) is searches

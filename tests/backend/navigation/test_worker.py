@@ -55,6 +55,9 @@ class Recording:
     def state_at(self, t_us: int) -> NavigationState | None:
         return state(t_us) if t_us < 1000 else None
 
+    def exposure_us(self, t_frame_us: int) -> int:
+        return t_frame_us - 120_000
+
 
 class Running:
     def __init__(self, build: Callable[[], Recording]) -> None:
@@ -216,3 +219,13 @@ def test_the_horizon_follows_pictures_that_take_longer() -> None:
     for n in range(50):
         worker.offer(FrameSample(0, n, image))
     assert worker.delay_us == 2_000_000
+
+
+def test_the_offset_of_the_videos_clock_is_known_to_who_asks_for_an_exposure() -> None:
+    navigator = Recording()
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(1, 0.0))
+    running.wait_for(lambda: bool(navigator.offered) and bool(running.states))
+    running.worker.close()
+
+    assert running.worker.exposure_us(1_000_000) == 880_000

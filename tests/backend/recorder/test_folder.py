@@ -10,7 +10,7 @@ from backend.playback.estimate import EstimateTable
 from backend.recorder.folder import ClickRow, FlightWriter
 from backend.video.recorded import RecordedVideo
 from backend.video.timing import ExposureClock
-from estimator.types import Mode
+from estimator.types import Mode, OffsetSource, VideoOffset
 from geodata.flight import FlightFolder
 from tests.backend.flight_maker import CAMERA, SIZE, T0_US, plan, state, telemetry, write_flight
 from tests.backend.video.coded import encoded_frames
@@ -146,3 +146,44 @@ def test_clicks_and_the_map_are_in_the_folder(tmp_path: Path) -> None:
     assert flight.meta.map.offset_ne_m == (1.0, 2.0)
     (click,) = flight.clicks()
     assert (click.t_video_us, click.u_px, click.v_px, click.target) == (T0_US + 5, 12.5, 33.0, "a, b")
+
+
+@pytest.mark.parametrize("found", [True, False])
+def test_an_offset_of_the_videos_clock_is_recorded_when_it_is_found(tmp_path: Path, found: bool) -> None:
+    """Frame times are the video's own: who opens the flight adds the offset, or finds it where it says null."""
+    folder = tmp_path / "f"
+    folder.mkdir()
+    writer = FlightWriter(folder, plan(time_offset_s=None), "f")
+    frames = encoded_frames(20, SIZE, t0_us=T0_US)
+    for frame in frames:
+        writer.frame(frame)
+    for t_us, data in telemetry(1.0):
+        writer.packet(t_us, data)
+    writer.flush()
+    before = FlightFolder.open(folder)
+    assert before.meta.video.time_offset_s is None
+    searching = replace(state(T0_US), video_offset=VideoOffset(OffsetSource.SEARCHING))
+    writer.state(searching)
+    if found:
+        writer.state(replace(state(T0_US + 100_000), video_offset=VideoOffset(OffsetSource.FOUND, -0.12, 0.004)))
+    writer.flush()
+    killed = FlightFolder.open(folder)
+    writer.close()
+
+    assert killed.meta.video.time_offset_s == (-0.12 if found else None)
+    times = FlightFolder.open(folder).frame_times()
+    assert times is not None
+    assert times.t_video_us.tolist() == [frame.t_us for frame in frames]
+
+
+def test_stamped_pictures_need_no_offset(tmp_path: Path) -> None:
+    folder = tmp_path / "f"
+    folder.mkdir()
+    writer = FlightWriter(folder, plan(time_offset_s=None), "f")
+    for frame in encoded_frames(20, SIZE, t0_us=T0_US):
+        writer.frame(replace(frame, stamped=True))
+    for t_us, data in telemetry(1.0):
+        writer.packet(t_us, data)
+    writer.close()
+
+    assert FlightFolder.open(folder).meta.video.time_offset_s == 0.0

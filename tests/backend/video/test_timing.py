@@ -87,3 +87,14 @@ def test_a_slow_drift_is_followed() -> None:
 
 def test_without_any_time_the_arrival_counts() -> None:
     assert ExposureClock().exposure_us(None, None, T0_US) == T0_US
+
+
+def test_it_says_whether_the_vehicles_own_clock_stamped_the_picture() -> None:
+    known, unknown = ExposureClock(lambda t: t), ExposureClock(lambda _: None)
+    known.exposure_us(T0_US, None, T0_US + 60_000)
+    assert known.stamped
+    known.exposure_us(None, 123, T0_US + 100_000)
+    assert not known.stamped
+    # a stamp of another day whose clock nobody knows gives the picture's pace, not its time
+    unknown.exposure_us(5_000_000, None, T0_US)
+    assert not unknown.stamped
