@@ -85,6 +85,19 @@ export interface StateMessage extends Envelope {
   last_fix_age_s: Maybe<number>;
   gps_denied: boolean;
   footprint: Maybe<[number, number][]>;
+  /** What is added to frame times. Null without a camera file, and in replays; an older station does not say. */
+  video_clock?: Maybe<VideoClock>;
+  /** From the stated mount to the true one, about x, y, z of the body or of the gimbal's frame. */
+  boresight_deg?: Maybe<Maybe<number>[]>;
+  boresight_std_deg?: Maybe<Maybe<number>[]>;
+}
+
+export interface VideoClock {
+  source: 'given' | 'stamped' | 'searching' | 'found';
+  time_offset_s: Maybe<number>;
+  std_s: Maybe<number>;
+  /** Why it has not been found yet. */
+  reason: string;
 }
 
 export interface GpsMessage extends Envelope {

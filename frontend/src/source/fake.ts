@@ -75,6 +75,11 @@ class FakeStation implements Source {
       heading_deg,
       last_fix_age_s: t_s % 1.2,
       gps_denied: this.denied,
+      video_clock: t_s < 6
+        ? { source: 'searching', time_offset_s: null, std_s: null, reason: 'too few pairs of pictures' }
+        : { source: 'found', time_offset_s: -0.121, std_s: 0.004, reason: '' },
+      boresight_deg: [0.3, -0.2, 0.1],
+      boresight_std_deg: t_s < 6 ? [0.57, 0.57, 0.57] : [0.1, 0.1, 0.5],
       footprint: [corner(50, -66), corner(50, 66), corner(-50, 66), corner(-50, -66)],
     });
     if (this.ticks % 2 === 0) {

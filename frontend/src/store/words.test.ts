@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { LinkMessage, StateMessage, VideoMessage } from '../api/types';
 import { newVehicle } from './mission';
-import { connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, vehicleWords, videoWords } from './words';
+import { boresightWords, connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, vehicleWords, videoClockWords, videoWords } from './words';
 
 const vehicle = (fields: object) => ({ ...newVehicle('1'), ...fields });
 const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: false, last_fix_age_s: 0.4, ...fields } as StateMessage });
@@ -62,6 +62,48 @@ describe('videoWords', () => {
     const replay = (fields: object) => videoWords(vehicle({ video: stopped, replay: fields })).text;
     expect([replay({ paused: true }), replay({ paused: false, ended: true })]).toEqual(['Paused 640×480', 'At the end 640×480']);
     expect(video({ status: 'stopped', last_frame_age_s: 12 }).text).toBe('Stopped 12 s');
+  });
+});
+
+describe('videoClockWords', () => {
+  const clock = (fields: object) =>
+    videoClockWords({ video_clock: { source: 'found', time_offset_s: -0.1213, std_s: 0.0042, reason: '', ...fields } } as StateMessage);
+
+  it('gives offset and sigma once found', () => {
+    expect(clock({})).toMatchObject({ text: '−0.121 ± 0.004 s', tone: 'good' });
+    expect(clock({ time_offset_s: 0.0504 })!.text).toBe('+0.050 ± 0.004 s');
+    expect(clock({ time_offset_s: -0.0001 })!.text).toBe('0.000 ± 0.004 s');
+  });
+
+  it('says plainly that it is not known, and why', () => {
+    const words = clock({ source: 'searching', time_offset_s: null, std_s: null, reason: 'the motion does not tell' })!;
+    expect(words).toMatchObject({ text: 'not known yet', tone: 'watch' });
+    expect(words.detail).toContain('so far: the motion does not tell');
+    expect(clock({ source: 'searching', time_offset_s: null, std_s: null })!.detail).not.toContain('so far');
+  });
+
+  it('tells what was configured or stamped from what was measured', () => {
+    expect(clock({ source: 'given', time_offset_s: 0.25, std_s: null })!.text).toBe('+0.250 s, as configured');
+    expect(clock({ source: 'stamped', time_offset_s: 0, std_s: null })!.text).toBe("the vehicle's own");
+    expect([videoClockWords(null), videoClockWords({} as StateMessage), videoClockWords({ video_clock: null } as StateMessage)]).toEqual([null, null, null]);
+  });
+});
+
+describe('boresightWords', () => {
+  const boresight = (deg: (number | null)[], std: (number | null)[]) =>
+    boresightWords({ boresight_deg: deg, boresight_std_deg: std } as StateMessage)!;
+
+  it('gives three angles with the largest of their sigmas', () => {
+    expect(boresight([0.31, -0.2, 0.1], [0.08, 0.12, 0.1])).toMatchObject({ text: '+0.3 / −0.2 / +0.1 ° ± 0.1', tone: 'good' });
+  });
+
+  it('does not give what is not known', () => {
+    expect(boresight([0, 0, 0], [0.57, 0.57, 0.57]).text).toBe('not known yet');
+    const partly = boresight([0.31, -0.2, 0.4], [0.1, 0.1, 0.55]);
+    expect(partly).toMatchObject({ text: '+0.3 / −0.2 / ? ° ± 0.1', tone: 'none' });
+    expect(partly.detail).toContain('+0.40 ± 0.55°');
+    expect(boresight([null, null, null], [null, null, null]).text).toBe('not known yet');
+    expect([boresightWords(null), boresightWords({ boresight_deg: null } as StateMessage)]).toEqual([null, null]);
   });
 });
 

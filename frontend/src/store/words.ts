@@ -1,6 +1,6 @@
 /** What the status strip says, in plain words. Pure. */
 
-import type { Mode } from '../api/types';
+import type { Mode, StateMessage } from '../api/types';
 import { formatAge, formatNumber, withUnit } from '../geo/format';
 import type { ConnectionStatus } from '../source/source';
 import { isReplay, type Vehicle } from './mission';
@@ -120,6 +120,53 @@ export function videoWords(vehicle: Vehicle | null): Words {
     default:
       return { text: String(video.status), detail, tone: 'none' };
   }
+}
+
+/** What is added to the video's times, or that nobody knows it yet. Null where the station says nothing of it. */
+export function videoClockWords(state: StateMessage | null): Words | null {
+  const clock = state?.video_clock;
+  if (!clock) return null;
+  switch (clock.source) {
+    case 'found':
+      return {
+        text: `${signed(clock.time_offset_s, 3)} ± ${formatNumber(clock.std_s, 3)} s`,
+        detail: 'Found from how camera and gyroscopes turn; added to the times of the pictures. One standard deviation.',
+        tone: 'good',
+      };
+    case 'stamped':
+      return { text: "the vehicle's own", detail: 'Each picture carries the time of its exposure by the clock of the vehicle.', tone: 'good' };
+    case 'given':
+      return { text: `${signed(clock.time_offset_s, 3)} s, as configured`, detail: 'Given when the station was started; nobody checks it.', tone: 'none' };
+    default:
+      return {
+        text: 'not known yet',
+        detail: `Turns of the aircraft tell it${clock.reason ? `; so far: ${clock.reason}` : ''}. Pictures are held back for it, at most 20 s.`,
+        tone: 'watch',
+      };
+  }
+}
+
+/** Above it an axis is not told: the filter begins at 0.6 degrees for a fixed camera, at 1.1 for one on a gimbal. */
+const BORESIGHT_KNOWN_DEG = 0.4;
+
+/** How far the camera looks beside its stated mount, axis by axis, as far as that is known. */
+export function boresightWords(state: StateMessage | null): Words | null {
+  const deg = state?.boresight_deg;
+  const std = state?.boresight_std_deg;
+  if (!deg || !std) return null;
+  const known = deg.map((angle, axis) => angle !== null && (std[axis] ?? Infinity) <= BORESIGHT_KNOWN_DEG);
+  const detail = `About x, y, z of the body (of the gimbal, where there is one): ${deg
+    .map((angle, axis) => `${signed(angle, 2)} ± ${formatNumber(std[axis], 2)}°`)
+    .join(', ')}. One standard deviation.`;
+  if (!known.includes(true)) return { text: 'not known yet', detail, tone: 'none' };
+  const worst = Math.max(...std.filter((_, axis) => known[axis]).map((value) => value ?? 0));
+  const axes = deg.map((angle, axis) => (known[axis] ? signed(angle, 1) : '?')).join(' / ');
+  return { text: `${axes} ° ± ${formatNumber(worst, 1)}`, detail, tone: known.includes(false) ? 'none' : 'good' };
+}
+
+function signed(value: number | null | undefined, digits: number): string {
+  const text = formatNumber(value, digits);
+  return typeof value === 'number' && value > 0 && Number(value.toFixed(digits)) !== 0 ? `+${text}` : text;
 }
 
 export function fixAgeTone(age_s: number | null | undefined): Tone {

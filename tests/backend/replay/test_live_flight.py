@@ -17,7 +17,7 @@ from tests.shared_data import shared_data
 async def test_a_live_station_finds_the_clock_of_a_real_video(tmp_path: Path) -> None:
     """
     Fault: no offset is configured, frame times are 0.12 s late (checked against the true attitude by other means).
-    Expected: offset and misalignment are found and told with their sigmas, states go on meanwhile, the recording says it.
+    Expected: offset and misalignment are found and told with their sigmas, the states go on, the recording says it.
     """
     flight = shared_data("flights/plane_80m")
     mavlink_port, video_port = free_udp_ports(2)
