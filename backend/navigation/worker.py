@@ -16,7 +16,7 @@ from typing import Protocol
 import structlog
 
 from backend.clock import mono_us, unix_us
-from estimator.types import FixReport, FrameSample, NavigationState, Sample
+from estimator.types import FixReport, FrameSample, GnssSample, NavigationState, Sample
 
 MAX_WAITING_SAMPLES = 20_000  # a minute and a half of a fast link
 MAX_WAITING_FRAMES = 8  # a third of a second: longer, and the estimate would only be late
@@ -150,7 +150,8 @@ class NavigationWorker:
     def offer(self, sample: Sample) -> None:
         """Hand in a sample. When the estimator falls behind, old pictures go first, then old samples; both counted."""
         with self._changed:
-            if self._stopping:
+            if self._stopping or (self._gps_denied and isinstance(sample, GnssSample)):
+                # One of these would still wait here when GPS is given back.
                 return
             if isinstance(sample, FrameSample):
                 self._waiting_frames += 1

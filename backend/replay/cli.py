@@ -6,7 +6,7 @@ import json
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -18,8 +18,10 @@ from rich.table import Table
 
 from backend.errors import StationError
 from backend.link.dialect import message_layouts
+from backend.replay.denial import StationDenial, denied_spans, vehicle_id_of
 from backend.replay.live import Downlink, moments, play
 from backend.replay.offline import ReplayOptions, ReplayResult, replay_flight
+from backend.settings import DEFAULT_PORT
 from backend.transports.address import Connection
 from backend.transports.base import TransportError
 from backend.video.errors import VideoError
@@ -28,6 +30,7 @@ from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
 DEFAULT_VIDEO = "udp://127.0.0.1:5600"
+DEFAULT_STATION = f"http://127.0.0.1:{DEFAULT_PORT}"
 LeaveOut = Annotated[
     list[str] | None, typer.Option("--leave-out", help="A MAVLink message to take out of the log; repeatable.")
 ]
@@ -55,6 +58,10 @@ def replay(
     mavlink: Annotated[str, typer.Option(help="With --live: where MAVLink goes.")] = "udpout:127.0.0.1:14550",
     video: Annotated[str, typer.Option(help="With --live: where MPEG-TS goes; none sends none.")] = DEFAULT_VIDEO,
     start_s: Annotated[float, typer.Option(min=0.0, help="With --live: begin so long after its beginning.")] = 0.0,
+    station: Annotated[
+        str,
+        typer.Option(help="With --live: the station's page, asked to deny GPS when the flight does; none asks nobody."),
+    ] = DEFAULT_STATION,
 ) -> None:
     """Run the estimator over a recorded flight, as fast as it goes; or play it into a running station.
 
@@ -65,9 +72,9 @@ def replay(
     console = Console(stderr=True)
     if live:
         if out is not None or leave_out or time_offset_s is not None:
-            raise typer.BadParameter("--live goes with --mavlink, --video and --start-s only")
+            raise typer.BadParameter("--live goes with --mavlink, --video, --start-s and --station only")
         with _reported_errors(console):
-            _play_live(flight, mavlink, video, start_s, console)
+            _play_live(flight, mavlink, video, start_s, station, console)
         return
     if out is None:
         raise typer.BadParameter("say where the results go with --out DIR, or give --live")
@@ -107,7 +114,7 @@ def evaluate(
             _print_errors(results)
 
 
-def _play_live(flight: Path, mavlink: str, video: str, start_s: float, console: Console) -> None:
+def _play_live(flight: Path, mavlink: str, video: str, start_s: float, station: str, console: Console) -> None:
     folder = FlightFolder.open(flight)
     start_us, end_us = folder.telemetry_span()
     if round(start_s * 1e6) >= end_us - start_us:
@@ -122,14 +129,33 @@ def _play_live(flight: Path, mavlink: str, video: str, start_s: float, console: 
         begun_s = time.monotonic() if begun_s is None else begun_s
         time.sleep(max(begun_s + t_us / 1e6 - time.monotonic(), 0.0))
 
-    with Downlink(mavlink_to, video_to) as downlink, _progress(console, folder.name) as tell:
+    with ExitStack() as stack:
+        denial = _denial(folder, start_us + round(start_s * 1e6), station, console)
+        if denial is not None:
+            denial.start()
+            stack.callback(denial.close)
+        downlink = stack.enter_context(Downlink(mavlink_to, video_to))
+        tell = stack.enter_context(_progress(console, folder.name))
         sent = play(
             moments(folder, start_s), downlink.send_packet, downlink.send_frame, wait_until,
             lambda t_us: tell((t_us - start_us) / max(end_us - start_us, 1)),
+            (lambda _: None) if denial is None else denial.want,
         )  # fmt: skip
+    if denial is not None and denial.problem is not None:
+        console.print(f"warning: GPS: {denial.problem}", style="yellow", markup=False)
     for warning in folder.warnings:
         console.print(f"warning: {warning}", style="yellow", markup=False)
     typer.echo(f"{folder.name}: {sent} packets and pictures sent to {mavlink} and {video}")
+
+
+def _denial(folder: FlightFolder, from_us: int, station: str, console: Console) -> StationDenial | None:
+    """Who asks the station to deny GPS; None where the flight has no such time to come, or nobody is to be asked."""
+    if not any(end_us > from_us for _, end_us in denied_spans(folder)):
+        return None
+    if station == "none":
+        console.print("warning: the station keeps its GPS where the flight was without", style="yellow", markup=False)
+        return None
+    return StationDenial(station, vehicle_id_of(folder))
 
 
 def _udp_target(option: str, text: str, schemes: tuple[str, ...]) -> tuple[str, int]:

@@ -1,7 +1,8 @@
 """``pilotage replay --live``: plays a flight folder into a running station, as an aircraft would send it.
 
 MAVLink goes over UDP packet by packet as recorded, video as MPEG-TS over UDP, each when it was received or taken in the
-flight. The station estimates anew; recorded clicks and estimates are not sent.
+flight. The station estimates anew; recorded clicks and estimates are not sent. GPS is sent all the time, as a receiver
+would: that it be kept from the estimator is asked of the station.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 
 from backend.errors import StationError
 from backend.link.tlog import running_forward
+from backend.replay.denial import GROUND_STATION_IDS, denied_spans, sender_and_message
 from backend.video.annexb import is_key
 from backend.video.frames import EncodedFrame
 from backend.video.recorded import RecordedVideo
@@ -28,18 +30,18 @@ from backend.video.writer import TsWriter
 from geodata.flight import FlightFolder
 
 TS_DATAGRAM_BYTES = 7 * 188  # seven packets fit into an Ethernet frame
-GROUND_STATION_IDS = frozenset({0, 255})
 KEY_EVERY = 25
 _TICKS_PER_S = 90_000
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """Something to send: a MAVLink packet, or a frame. ``t_us`` is when, on the flight's clock."""
+    """Something to send: a MAVLink packet, or a frame; or from when GPS is denied or not. On the flight's clock."""
 
     t_us: int
     packet: bytes | None = None
     frame: EncodedFrame | None = None
+    gps_denied: bool | None = None
 
 
 def moments(folder: FlightFolder, start_s: float = 0.0) -> Iterator[Moment]:
@@ -49,7 +51,7 @@ def moments(folder: FlightFolder, start_s: float = 0.0) -> Iterator[Moment]:
     decoded from them.
     """
     from_us = folder.telemetry_span()[0] + round(start_s * 1e6)
-    merged = heapq.merge(_packets(folder), _frames(folder), key=lambda moment: moment.t_us)
+    merged = heapq.merge(_denials(folder, from_us), _packets(folder), _frames(folder), key=lambda moment: moment.t_us)
     begun = False
     for moment in merged:
         if moment.t_us < from_us:
@@ -64,14 +66,21 @@ def moments(folder: FlightFolder, start_s: float = 0.0) -> Iterator[Moment]:
 def play(
     schedule: Iterable[Moment], send_packet: Callable[[bytes], None], send_frame: Callable[[EncodedFrame], None],
     wait_until: Callable[[int], None], told: Callable[[int], None] = lambda _: None,
+    deny_gps: Callable[[bool], None] = lambda _: None,
 ) -> int:  # fmt: skip
-    """Send everything in its time; ``wait_until(us)`` waits for a time after the first moment. Returns how many."""
+    """Send everything in its time; ``wait_until(us)`` waits for a time after the first moment.
+
+    Returns how many packets and frames were sent.
+    """
     first_us: int | None = None
     count = 0
     for moment in schedule:
         first_us = moment.t_us if first_us is None else first_us
         # What a relay swapped is sent at once.
         wait_until(max(moment.t_us - first_us, 0))
+        if moment.gps_denied is not None:
+            deny_gps(moment.gps_denied)
+            continue
         if moment.packet is not None:
             send_packet(moment.packet)
         if moment.frame is not None:
@@ -152,11 +161,18 @@ def _connected(address: tuple[str, int]) -> socket.socket:
     return out
 
 
+def _denials(folder: FlightFolder, from_us: int) -> Iterator[Moment]:
+    for start_us, end_us in denied_spans(folder):
+        if end_us > from_us:
+            yield Moment(max(start_us, from_us), gps_denied=True)
+            yield Moment(end_us, gps_denied=False)
+
+
 def _packets(folder: FlightFolder) -> Iterator[Moment]:
     wanted = folder.meta.vehicle.system_id
     entries = running_forward(folder.telemetry(), lambda what: folder.warn(f"{folder.telemetry_path}: {what}"))
     for t_us, packet in entries:
-        sender = packet[5] if packet[0] == 0xFD else packet[3]
+        sender, _ = sender_and_message(packet)
         if sender == wanted or (wanted is None and sender not in GROUND_STATION_IDS):
             yield Moment(t_us, packet=packet)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from backend.navigation.worker import MAX_WAITING_FRAMES, NavigationWorker, StateUpdate
-from estimator.types import BarometerSample, FixReport, FrameSample, Mode, NavigationState, Sample
+from estimator.types import BarometerSample, FixReport, FrameSample, GnssSample, Mode, NavigationState, Sample
 
 PATIENCE_S = 10.0
 
@@ -229,3 +229,20 @@ def test_the_offset_of_the_videos_clock_is_known_to_who_asks_for_an_exposure() -
     running.worker.close()
 
     assert running.worker.exposure_us(1_000_000) == 880_000
+
+
+def test_what_gps_said_while_it_was_denied_is_not_used_when_it_is_given_back() -> None:
+    navigator = Recording()
+    navigator.gate.clear()  # the estimator is busy from before the denial until after it
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(0, 1.0))
+    assert navigator.entered.wait(PATIENCE_S)
+    running.worker.deny_gps(True)
+    running.worker.offer(GnssSample(1, 0.8, 0.1, 500.0, np.zeros(3), 2.0, 3.0, 9))
+    running.worker.deny_gps(False)
+    running.worker.offer(GnssSample(2, 0.8, 0.1, 500.0, np.zeros(3), 2.0, 3.0, 9))
+    navigator.gate.set()
+    running.wait_for(lambda: len(navigator.offered) == 2)
+    running.worker.close()
+
+    assert [sample.t_us for sample in navigator.offered] == [0, 2]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
+import signal
 import sys
 from pathlib import Path
 
@@ -144,3 +145,83 @@ def test_what_cannot_be_played_is_told(
     said = capsys.readouterr().err
     assert words in said.replace("\n", " ")
     assert "Traceback" not in said
+
+
+async def test_the_station_is_asked_to_deny_gps_when_the_flight_was_without(tmp_path: Path) -> None:
+    """The station hears GPS all the time and keeps it from the estimator in the flight's interval, no longer."""
+    flight = recorded(tmp_path / "f", seconds=6.0)
+    spans = ((T0_US + 2_000_000, T0_US + 3_000_000), (T0_US + 2_500_000, T0_US + 4_000_000))
+    write_flight_json(flight.path, flight.meta.model_copy(update={"gps_denied": spans}))
+    mavlink_port, video_port = free_udp_ports(2)
+    async with running_station(
+        tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",), video=f"udp://127.0.0.1:{video_port}"
+    ) as running, running.stream() as stream:  # fmt: skip
+        await next_of(stream, "hello")
+        command = [sys.executable, "-m", "backend.cli", "replay", str(flight.path), "--live"]
+        command += ["--mavlink", f"udpout:127.0.0.1:{mavlink_port}", "--video", f"udp://127.0.0.1:{video_port}"]
+        player = await asyncio.create_subprocess_exec(*command, "--station", running.address, stdout=-1, stderr=-1)
+        denied, readings = False, []
+        while len(readings) < 25:
+            message = await next_of(stream, "gps", "vehicle")
+            if message["type"] == "vehicle":
+                denied = message["vehicle"]["gps_denied"]
+            else:
+                readings.append((denied, message["t_gps_unix_us"]))
+        _, errors = await asyncio.wait_for(player.communicate(), PATIENCE_S)
+        (vehicle,) = (await running.client.get("/api/v1/vehicles")).json()
+
+    assert player.returncode == 0, errors.decode()
+    assert not vehicle["gps_denied"]
+    without = [t_us for was_denied, t_us in readings if was_denied]
+    # 5 a second, over two seconds; asking takes a moment
+    assert 6 <= len(without) <= 13
+    first_us = readings[0][1]
+    assert 1.8e6 < without[0] - first_us < 3.0e6
+    assert [was_denied for was_denied, _ in readings[-4:]] == [False] * 4
+
+
+async def test_gps_is_given_back_where_the_playing_is_broken_off(tmp_path: Path) -> None:
+    """Also: it begins inside the interval, before the station has heard of the vehicle."""
+    flight = recorded(tmp_path / "f", seconds=6.0)
+    write_flight_json(flight.path, flight.meta.model_copy(update={"gps_denied": ((T0_US, T0_US + 60_000_000),)}))
+    (mavlink_port,) = free_udp_ports(1)
+    async with running_station(tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",)) as running:
+        command = [sys.executable, "-m", "backend.cli", "replay", str(flight.path), "--live", "--video", "none"]
+        command += ["--mavlink", f"udpout:127.0.0.1:{mavlink_port}", "--station", running.address]
+        player = await asyncio.create_subprocess_exec(*command, stdout=-1, stderr=-1)
+        async with running.stream() as stream:
+            while not (await next_of(stream, "vehicle"))["vehicle"]["gps_denied"]:
+                pass
+            player.send_signal(signal.SIGINT)
+            while (await next_of(stream, "vehicle"))["vehicle"]["gps_denied"]:
+                pass
+        await asyncio.wait_for(player.communicate(), PATIENCE_S)
+
+    assert player.returncode == 130
+
+
+@pytest.mark.parametrize(
+    ("station", "words"),
+    [
+        ("127.0.0.1:1", "is not http://HOST:PORT"),
+        ("http://127.0.0.1:x", "is not http://HOST:PORT"),
+        ("http://127.0.0.1:1", "no station answers"),
+    ],
+)
+def test_a_flight_without_gps_is_not_played_with_it_unasked(
+    tmp_path: Path, station: str, words: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    write_known_flight(tmp_path / "f", 2.0, gps_denied=((T0_US, T0_US + 1_000_000),))
+
+    assert cli.run(["replay", str(tmp_path / "f"), "--live", "--video", "none", "--station", station]) == 1
+    assert words in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_flight_may_be_played_with_gps_on_request(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_known_flight(tmp_path / "f", 0.5, gps_denied=((T0_US, T0_US + 200_000),))
+    (port,) = free_udp_ports(1)
+    arguments = ["--live", "--video", "none", "--station", "none", "--mavlink", f"udpout:127.0.0.1:{port}"]
+
+    assert cli.run(["replay", str(tmp_path / "f"), *arguments]) == 0
+    assert "keeps its GPS" in capsys.readouterr().err.replace("\n", " ")

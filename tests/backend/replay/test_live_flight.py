@@ -21,7 +21,18 @@ async def test_a_live_station_finds_the_clock_of_a_real_video(tmp_path: Path) ->
     """
     flight = shared_data("flights/plane_80m")
     mavlink_port, video_port = free_udp_ports(2)
-    command = [sys.executable, "-m", "backend.cli", "replay", str(flight), "--live", "--start-s", "20"]
+    command = [
+        sys.executable,
+        "-m",
+        "backend.cli",
+        "replay",
+        str(flight),
+        "--live",
+        "--start-s",
+        "20",
+        "--station",
+        "none",
+    ]
     command += ["--mavlink", f"udpout:127.0.0.1:{mavlink_port}", "--video", f"udp://127.0.0.1:{video_port}"]
     async with running_station(
         tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",), video=f"udp://127.0.0.1:{video_port}",
