@@ -5,9 +5,23 @@ from __future__ import annotations
 import time
 
 
+def _boot_ns() -> int:
+    """Nanoseconds of a clock that never steps, and goes on while the machine sleeps where the system has such a one."""
+    clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic_ns() if clock is None else time.clock_gettime_ns(clock)
+
+
+# Read once: whoever sets the machine's clock later (by hand, by NTP, by a GPS receiver) must not send the estimator,
+# the link and the recording back in time, or ahead of it. The time of the start holds until the next start.
+_UNIX_MINUS_BOOT_NS = time.time_ns() - _boot_ns()
+
+
 def unix_us() -> int:
-    """Microseconds since 1970 by the machine's clock: the one time base of samples, frames and states."""
-    return time.time_ns() // 1000
+    """Microseconds since 1970 by the machine's clock as it was at the start: the time base of samples, frames, states.
+
+    Never runs back.
+    """
+    return (_boot_ns() + _UNIX_MINUS_BOOT_NS) // 1000
 
 
 def mono_us() -> int:

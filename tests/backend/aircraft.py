@@ -7,13 +7,13 @@ import contextlib
 import json
 import socket
 import struct
+import time
 from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from backend.clock import unix_us
 from backend.demo import free_udp_ports
 from simulator.video_out import H264TsSender
 from tests.backend.flight_maker import CAMERA, LAT_DEG, LON_DEG, SIZE
@@ -23,7 +23,10 @@ from tests.backend.video.pictures_with_numbers import picture_with_number
 
 
 class Aircraft:
-    """Sends heartbeats, attitude, GPS and pictures of rising numbers, and answers commands."""
+    """Sends heartbeats, attitude, pressure, GPS and pictures of rising numbers, and answers commands.
+
+    Its clock is its own: what happens to the station's is nothing to it.
+    """
 
     def __init__(self, mavlink_port: int, video_port: int) -> None:
         self.wire = Sender()
@@ -34,6 +37,11 @@ class Aircraft:
         self._socket.setblocking(False)
         self._target = ("127.0.0.1", mavlink_port)
         self.count = 0
+        self._unix_minus_mono_ns = time.time_ns() - time.monotonic_ns()
+
+    def unix_us(self) -> int:
+        """Its own time."""
+        return (time.monotonic_ns() + self._unix_minus_mono_ns) // 1000
 
     def send(self, data: bytes) -> None:
         self._socket.sendto(data, self._target)
@@ -52,8 +60,11 @@ class Aircraft:
             )
             self.send(self.wire.pack(gps))
         self.send(self.wire.attitude(t_boot_ms))
+        if self.count % 5 == 1:
+            # 500 m in the standard atmosphere
+            self.send(self.wire.pack(dialect.MAVLink_scaled_pressure_message(t_boot_ms, 954.6, 0.0, 1500)))
         if self.video is not None:
-            self.video.send(self.picture(self.count), unix_us())
+            self.video.send(self.picture(self.count), self.unix_us())
         with contextlib.suppress(BlockingIOError):
             while True:
                 for message in parsed([self._socket.recv(2048)]):
