@@ -24,6 +24,7 @@ class Part(StrEnum):
     STAGES = "stages"
     REPLAY = "replay"
     BROWSER = "browser"
+    CLICKS = "clicks"
     VIEWERS = "viewers"
     MEMORY = "memory"
 
@@ -42,7 +43,7 @@ def bench(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON.")] = False,
 ) -> None:
-    """Measure the budgets: stages, replay, browser, viewers, memory. Exit status 1 where one is missed."""
+    """Measure the budgets: stages, replay, browser, clicks, viewers, memory. Exit status 1 where one is missed."""
     console = Console(stderr=True)
     parts = set(only or Part)
     found: list[Measurement] = []
@@ -77,11 +78,13 @@ def main() -> None:
 
 def _measure_flying(folder: Path, parts: set[Part], short: bool, minutes: float, console: Console) -> list[Measurement]:
     from benchmarks.browser import measure_browser  # noqa: PLC0415
+    from benchmarks.clicks import measure_clicks  # noqa: PLC0415
     from benchmarks.memory import measure_memory  # noqa: PLC0415
     from benchmarks.viewers import measure_viewers  # noqa: PLC0415
 
     measures: dict[Part, Callable[[FlyingStation], list[Measurement]]] = {
         Part.BROWSER: lambda station: measure_browser(station, short),
+        Part.CLICKS: lambda station: measure_clicks(station, short),
         Part.VIEWERS: lambda station: measure_viewers(station, short),
         # Last: what browsers and viewers left behind counts.
         Part.MEMORY: lambda station: measure_memory(station, minutes),
