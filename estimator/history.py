@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bisect
 import heapq
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -30,14 +31,12 @@ class SampleQueue:
         heapq.heappush(self._heap, (sample.t_us, self._count, sample))
         return True
 
-    def take_until(self, t_us: int) -> list[Sample]:
-        """Take out, in order, all samples up to and including ``t_us``."""
-        out = []
-        while self._heap and self._heap[0][0] <= t_us:
-            out.append(heapq.heappop(self._heap)[2])
+    def take_until(self, t_us: int) -> Iterator[Sample]:
+        """Take out, in order, all samples up to and including ``t_us``, each when it is its turn."""
         if self.taken_until_us is None or t_us > self.taken_until_us:
             self.taken_until_us = t_us
-        return out
+        while self._heap and self._heap[0][0] <= t_us:
+            yield heapq.heappop(self._heap)[2]
 
     def pending(self) -> list[Sample]:
         """What waits, in order of time."""

@@ -6,15 +6,18 @@ arrives late is fused at the time it was taken. ``predict`` carries the state on
 
 from __future__ import annotations
 
+import copy
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.ahead import Ahead
+from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, ProcessNoise
 from estimator.filters.initialise import InitialConditions, InitialGuess, aligned
-from estimator.filters.strapdown import EarthModel, propagate
+from estimator.filters.strapdown import EarthModel
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, q_multiply, q_normalise
@@ -44,6 +47,7 @@ from estimator.types import (
     VideoOffset,
 )  # fmt: skip
 
+Outlook = Callable[[int, Sequence[Sample]], NavigationState | None]
 GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
     "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
@@ -82,7 +86,10 @@ class NavigatorConfig:
 
 
 class Navigator:
-    """Fuses the samples of one vehicle. Not thread-safe: one owner calls it."""
+    """Fuses the samples of one vehicle. Not thread-safe: one owner calls it.
+
+    ``while_busy`` is entered with an `Outlook` for as long as a picture is worked on, tens of milliseconds.
+    """
 
     def __init__(
         self, config: NavigatorConfig, camera: Camera, mount: Mount, gimbal: str, frame: LocalFrame,
@@ -92,6 +99,7 @@ class Navigator:
         self.frame = frame
         self.camera = camera
         self.gps_denied = False
+        self.while_busy: Callable[[Outlook], AbstractContextManager[None]] = lambda _: nullcontext()
         self._ground = ground
         self._camera_attitude = CameraAttitudeModel(mount, Gimbal(gimbal))
         self._queue = SampleQueue()
@@ -215,18 +223,36 @@ class Navigator:
             return None
         if t_us <= self._t_us:
             return self._history.at(t_us) or self.state
-        ahead = _Ahead(self._eskf.nominal, self._t_us)
+        return self._carried_on(_copied(self._eskf), t_us, (), self._is_lost(self._eskf))
+
+    def outlook(self) -> Outlook:
+        """What is known now, for another thread to ask while this one is at work on a picture, and until it ends.
+
+        It is asked for a time, with the samples that have come since, and answers as ``state_at`` and ``predict`` do.
+        """
+        eskf = None if self._eskf is None else _copied(self._eskf)
+        lost = self._eskf is not None and self._is_lost(self._eskf)
+
+        def at(t_us: int, newer: Sequence[Sample]) -> NavigationState | None:
+            known = self._history.at(t_us)
+            if known is not None or eskf is None or t_us < self._t_us:
+                return known
+            return self._carried_on(eskf, t_us, newer, lost)
+
+        return at
+
+    def _carried_on(self, eskf: ErrorStateFilter, t_us: int, newer: Sequence[Sample], lost: bool) -> NavigationState:
+        """The state at ``t_us``, ahead of the horizon, from a copy of the filter, which is changed."""
+        nominal = eskf.nominal
+        ahead = Ahead(nominal, self._t_us)
         if self._process_model() == "inertial":
-            for sample in self._queue.pending():
+            waiting = sorted((*self._queue.pending(), *newer), key=lambda sample: sample.t_us)
+            for sample in waiting:
                 if isinstance(sample, InertialSample) and ahead.t_us < sample.t_us <= t_us:
                     ahead = ahead.by_inertial(sample, sample.t_us, self._earth)
-        ahead = ahead.coasting(t_us)
-        saved = self._eskf.nominal
-        self._eskf.nominal = ahead.nominal
-        try:
-            state = self._snapshot(self._eskf, t_us)
-        finally:
-            self._eskf.nominal = saved
+        eskf.nominal = ahead.coasting(t_us).nominal
+        state = self._snapshot(eskf, t_us, lost)
+        eskf.nominal = nominal
         dt_s = (t_us - self._t_us) / 1e6
         grown = state.cov_pos_ned_m2 + state.cov_vel_ned_m2_s2 * dt_s**2
         pose = state.cov_camera_pose.copy()
@@ -251,7 +277,8 @@ class Navigator:
             case AttitudeSample():
                 self._fuse_attitude(sample)
             case FrameSample():
-                report = self._fuse_frame(sample)
+                with self.while_busy(self.outlook()):
+                    report = self._fuse_frame(sample)
             case _:
                 pass
         if isinstance(sample, FrameSample | AttitudeSample | GnssSample):
@@ -403,12 +430,15 @@ class Navigator:
         down = float(self._down_at(pos_ned_m[0:1], pos_ned_m[1:2])[0])
         return down if np.isfinite(down) else float("nan")
 
-    def _mode(self, eskf: ErrorStateFilter, t_us: int) -> Mode:
-        std = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+    def _is_lost(self, eskf: ErrorStateFilter) -> bool:
+        uncertain = _horizontal_std_m(eskf) > self.config.vision_std_m
+        return uncertain and self._fixer is not None and self._fixer.lost_probability > 0.5
+
+    def _mode(self, eskf: ErrorStateFilter, t_us: int, lost: bool) -> Mode:
+        std = _horizontal_std_m(eskf)
         if t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied:
             return Mode.GPS
-        lost = self._fixer is not None and self._fixer.lost_probability > 0.5
-        if std > self.config.lost_std_m or (lost and std > self.config.vision_std_m):
+        if std > self.config.lost_std_m or lost:
             return Mode.LOST
         age_s = self._fix_age_s(t_us)
         if age_s <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
@@ -419,7 +449,8 @@ class Navigator:
         accepted = self._last_us.get("accepted")
         return float("inf") if accepted is None else max(t_us - accepted, 0) / 1e6
 
-    def _snapshot(self, eskf: ErrorStateFilter, t_us: int) -> NavigationState:
+    def _snapshot(self, eskf: ErrorStateFilter, t_us: int, lost: bool | None = None) -> NavigationState:
+        lost = self._is_lost(eskf) if lost is None else lost
         motion = eskf.nominal.motion
         lat, lon, alt = self.frame.geodetic_from_ned(motion.pos_ned_m)
         camera = self._camera_attitude.at(t_us, motion.q_ned_from_body, eskf.nominal.boresight_rad)
@@ -428,7 +459,7 @@ class Navigator:
         has_boresight = eskf.layout.has("boresight")
         return NavigationState(
             t_us=t_us,
-            mode=self._mode(eskf, t_us),
+            mode=self._mode(eskf, t_us, lost),
             process_model=self._process_model(),
             lat_rad=float(lat),
             lon_rad=float(lon),
@@ -449,24 +480,15 @@ class Navigator:
         )
 
 
+def _copied(eskf: ErrorStateFilter) -> ErrorStateFilter:
+    copied = copy.copy(eskf)
+    copied.P = eskf.P.copy()
+    return copied
+
+
+def _horizontal_std_m(eskf: ErrorStateFilter) -> float:
+    return float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+
+
 def _grey(image: Image) -> Image:
     return image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Ahead:
-    """A nominal state carried on past the filter's horizon."""
-
-    nominal: Nominal
-    t_us: int
-
-    def by_inertial(self, sample: InertialSample, t_us: int, earth: EarthModel) -> _Ahead:
-        rate = sample.rate_body_rad_s - self.nominal.gyroscope_bias_rad_s
-        force = sample.specific_force_body_m_s2 - self.nominal.accelerometer_bias_m_s2
-        motion = propagate(self.nominal.motion, rate, force, (t_us - self.t_us) / 1e6, earth)
-        return _Ahead(replace(self.nominal, motion=motion), t_us)
-
-    def coasting(self, t_us: int) -> _Ahead:
-        motion = self.nominal.motion
-        pos = motion.pos_ned_m + motion.vel_ned_m_s * ((t_us - self.t_us) / 1e6)
-        return _Ahead(replace(self.nominal, motion=replace(motion, pos_ned_m=pos)), t_us)

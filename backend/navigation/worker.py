@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Protocol
 
 import structlog
 
 from backend.clock import mono_us, unix_us
-from estimator.types import FixReport, FrameSample, GnssSample, NavigationState, Sample
+from estimator.navigator import Outlook
+from estimator.types import FixReport, FrameSample, GnssSample, InertialSample, NavigationState, Sample
 
 MAX_WAITING_SAMPLES = 20_000  # a minute and a half of a fast link
 MAX_WAITING_FRAMES = 8  # a third of a second: longer, and the estimate would only be late
@@ -35,6 +38,7 @@ class NavigatorLike(Protocol):
     """What the worker needs of `estimator.navigator.Navigator`, which documents it."""
 
     gps_denied: bool
+    while_busy: Callable[[Outlook], AbstractContextManager[None]]
 
     @property
     def waiting_for(self) -> str | None:
@@ -112,6 +116,7 @@ class NavigationWorker:
         self._waiting_frames = 0
         self._changed = threading.Condition()
         self._video_offset_us = 0
+        self._outlook: Outlook | None = None
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name=f"navigation-{name}", daemon=True)
 
@@ -166,11 +171,17 @@ class NavigationWorker:
             self._changed.notify()
 
     def state_at(self, t_us: int) -> Future[NavigationState | None]:
-        """The state at a time (predicted when it is ahead of the horizon); None when it is not known."""
+        """The state at a time (predicted when it is ahead of the horizon); None when it is not known.
+
+        While the thread works on a picture the caller's own thread answers, by what was known when that began and the
+        samples that have come since: a click must not wait for a registration.
+        """
         question = _StateQuestion(t_us, Future())
         with self._changed:
             if self._stopping:
                 question.answer.cancel()
+            elif self._outlook is not None:
+                self._answer_by_outlook(self._outlook, [question])
             else:
                 self._questions.append(question)
                 self._changed.notify()
@@ -186,6 +197,24 @@ class NavigationWorker:
         with self._changed:
             while self._questions:
                 self._questions.popleft().answer.cancel()
+
+    @contextmanager
+    def _while_busy(self, outlook: Outlook) -> Iterator[None]:
+        with self._changed:
+            self._outlook = outlook
+            waiting, self._questions = list(self._questions), deque()
+            self._answer_by_outlook(outlook, waiting)
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._outlook = None
+
+    def _answer_by_outlook(self, outlook: Outlook, questions: Sequence[_StateQuestion]) -> None:
+        if questions:
+            newer = tuple(sample for sample in self._samples if isinstance(sample, InertialSample))
+            for question in questions:
+                _answer(lambda t_us: outlook(t_us, newer), question)
 
     def _drop_oldest_frame(self) -> None:
         for position, sample in enumerate(self._samples):
@@ -217,11 +246,12 @@ class NavigationWorker:
             try:
                 if navigator is None and mono_us() >= rebuild_us:
                     navigator = self._build()
+                    navigator.while_busy = self._while_busy
                 if navigator is not None:
                     self._offer(navigator, samples)
                     # Somebody waits for these, and a step with a registration takes a while.
                     while questions:
-                        _answer(navigator, questions.pop(0))
+                        _answer(partial(_state_at, navigator), questions.pop(0))
                     self._advance(navigator, bool(samples))
                     if mono_us() - last_state_us >= STATE_INTERVAL_US:
                         last_state_us = mono_us()
@@ -233,7 +263,7 @@ class NavigationWorker:
                 navigator, rebuild_us = None, mono_us() + REBUILD_AFTER_US
                 self.epoch += 1
             for question in questions:
-                _answer(navigator, question)
+                _answer(lambda _: None, question)
 
     def _offer(self, navigator: NavigatorLike, samples: list[Sample]) -> None:
         navigator.gps_denied = self._gps_denied
@@ -259,9 +289,9 @@ class NavigationWorker:
             self._on_state(StateUpdate(state, self.epoch, self._gps_denied))
 
 
-def _answer(navigator: NavigatorLike | None, question: _StateQuestion) -> None:
+def _answer(state_at: Callable[[int], NavigationState | None], question: _StateQuestion) -> None:
     try:
-        state = None if navigator is None else _state_at(navigator, question.t_us)
+        state = state_at(question.t_us)
     except Exception as error:  # the asker decides what to make of it
         question.answer.set_exception(error)
         return

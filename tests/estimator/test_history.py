@@ -48,10 +48,10 @@ def test_queue_sorts_what_arrives_in_any_order() -> None:
     for t_us in (50, 10, 40, 20, 30):
         assert queue.push(BarometerSample(t_us, 0.0))
 
-    assert _times(queue.take_until(30)) == [10, 20, 30]
+    assert _times(list(queue.take_until(30))) == [10, 20, 30]
     assert _times(queue.pending()) == [40, 50]
-    assert _times(queue.take_until(100)) == [40, 50]
-    assert queue.take_until(200) == []
+    assert _times(list(queue.take_until(100))) == [40, 50]
+    assert list(queue.take_until(200)) == []
 
 
 def test_queue_keeps_the_order_of_arrival_at_one_time() -> None:
@@ -59,7 +59,7 @@ def test_queue_keeps_the_order_of_arrival_at_one_time() -> None:
     for altitude in (3.0, 1.0, 2.0):
         queue.push(BarometerSample(7, altitude))
 
-    assert [sample.pressure_alt_m for sample in queue.take_until(7)] == [3.0, 1.0, 2.0]
+    assert [sample.pressure_alt_m for sample in list(queue.take_until(7))] == [3.0, 1.0, 2.0]
 
 
 def test_late_samples_are_refused_and_counted() -> None:
@@ -68,18 +68,18 @@ def test_late_samples_are_refused_and_counted() -> None:
     Expected: refused and counted, never handed out; one at the very horizon is still good.
     """
     queue = SampleQueue()
-    queue.take_until(1000)
+    list(queue.take_until(1000))
 
     assert not queue.push(BarometerSample(999, 0.0))
     assert queue.push(BarometerSample(1000, 0.0))
     assert queue.late == 1
-    assert _times(queue.take_until(2000)) == [1000]
+    assert _times(list(queue.take_until(2000))) == [1000]
 
 
 def test_horizon_never_moves_back() -> None:
     queue = SampleQueue()
-    queue.take_until(1000)
-    queue.take_until(500)
+    list(queue.take_until(1000))
+    list(queue.take_until(500))
 
     assert queue.taken_until_us == 1000
     assert not queue.push(BarometerSample(700, 0.0))

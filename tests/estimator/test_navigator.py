@@ -1,10 +1,13 @@
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 import pytest
 
 from estimator.filters.initialise import InitialGuess
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
-from estimator.navigator import Navigator, NavigatorConfig
+from estimator.navigator import Navigator, NavigatorConfig, Outlook
 from estimator.types import (
     AttitudeSample,
     BarometerSample,
@@ -319,3 +322,63 @@ def test_the_cameras_misalignment_is_part_of_the_state() -> None:
     assert (np.abs(told.boresight_rad) < 3.0 * std_rad).all()
     assert told.video_offset is not None
     assert told.video_offset.source is OffsetSource.GIVEN
+
+
+def test_who_asks_while_a_picture_is_worked_on_gets_what_was_known_before() -> None:
+    """The answer of a prediction made just then, to the last bit, whatever the work changes."""
+    navigator = _navigator()
+    _fly(navigator, 0.0, 4.0)
+    for k in range(12):
+        navigator.offer(InertialSample(_t_us(4.0 + 0.05 * k), np.array([0.0, 0.0, 0.01]), np.array([0.1, 0.0, -9.8])))
+    ahead_us, answers = _t_us(4.5), []
+
+    @contextmanager
+    def busy(outlook: Outlook) -> Iterator[None]:
+        predicted = navigator.predict(ahead_us)
+        answers.append((outlook(ahead_us, ()), predicted))
+        answers.append((outlook(_t_us(2.0), ()), navigator.state_at(_t_us(2.0))))
+        yield
+        # the filter has changed by now, the outlook has not
+        answers.append((outlook(ahead_us, ()), predicted))
+
+    navigator.while_busy = busy
+    navigator.offer(FrameSample(_t_us(4.3), 80, _picture(_truth(4.3))))
+    before = navigator.state
+    (report,) = navigator.advance(_t_us(4.3))
+    assert report.accepted  # there was work, and it moved the filter
+    assert before is not None
+    assert navigator.state is not None
+    assert not np.array_equal(before.cov_pos_ned_m2, navigator.state.cov_pos_ned_m2)
+
+    assert len(answers) == 3
+    for found, expected in answers:
+        assert found is not None
+        assert expected is not None
+        assert found.t_us == expected.t_us
+        assert np.array_equal(found.pos_ned_m, expected.pos_ned_m)
+        assert np.array_equal(found.q_ned_from_camera, expected.q_ned_from_camera)
+        assert np.array_equal(found.cov_camera_pose, expected.cov_camera_pose)
+
+
+def test_an_outlook_takes_in_the_readings_that_have_come_since() -> None:
+    """The same as if they had been offered: in a turn the attitude of a moment ago points elsewhere."""
+    navigator = _navigator()
+    _fly(navigator, 0.0, 4.0, frames=False)
+    turning = [
+        InertialSample(_t_us(4.0 + 0.02 * k), np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, -9.8])) for k in range(8)
+    ]
+    outlook, ahead_us = navigator.outlook(), turning[-1].t_us
+    told, held = outlook(ahead_us, turning), outlook(ahead_us, ())
+    for sample in turning:
+        navigator.offer(sample)
+    offered = navigator.predict(ahead_us)
+
+    assert told is not None
+    assert held is not None
+    assert offered is not None
+    assert np.array_equal(told.q_ned_from_camera, offered.q_ned_from_camera)
+    assert np.abs(held.q_ned_from_camera - told.q_ned_from_camera).max() > 0.02
+
+
+def test_nothing_is_known_before_alignment() -> None:
+    assert _navigator().outlook()(_t_us(0.0), ()) is None

@@ -1,14 +1,25 @@
 """The estimator's thread: order, load, questions, failures."""
 
 import threading
-from collections.abc import Callable
-from concurrent.futures import CancelledError
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError, Future
+from contextlib import AbstractContextManager, nullcontext
 
 import numpy as np
 import pytest
 
 from backend.navigation.worker import MAX_WAITING_FRAMES, NavigationWorker, StateUpdate
-from estimator.types import BarometerSample, FixReport, FrameSample, GnssSample, Mode, NavigationState, Sample
+from estimator.navigator import Outlook
+from estimator.types import (
+    BarometerSample,
+    FixReport,
+    FrameSample,
+    GnssSample,
+    InertialSample,
+    Mode,
+    NavigationState,
+    Sample,
+)
 
 PATIENCE_S = 10.0
 
@@ -32,6 +43,7 @@ class Recording:
         self.gate.set()
         self.entered = threading.Event()
         self.fail = False
+        self.while_busy: Callable[[Outlook], AbstractContextManager[None]] = lambda _: nullcontext()
 
     @property
     def waiting_for(self) -> str | None:
@@ -246,3 +258,71 @@ def test_what_gps_said_while_it_was_denied_is_not_used_when_it_is_given_back() -
     running.worker.close()
 
     assert [sample.t_us for sample in navigator.offered] == [0, 2]
+
+
+def test_questions_are_answered_while_a_picture_is_worked_on() -> None:
+    """One waits when the work begins, one comes in the middle of it, with a sample that came after the work began."""
+    navigator, seen = Recording(), []
+
+    def outlook(t_us: int, newer: Sequence[Sample]) -> NavigationState | None:
+        seen.append([sample.t_us for sample in newer])
+        return state(t_us)
+
+    early: list[Future[NavigationState | None]] = []
+    plain_step = navigator.advance
+
+    def advance(t_us: int) -> list[FixReport]:
+        if not early:
+            early.append(running.worker.state_at(700))
+            assert not early[0].done()
+            with navigator.while_busy(outlook):
+                return plain_step(t_us)
+        return plain_step(t_us)
+
+    navigator.advance = advance  # type: ignore[method-assign]
+    navigator.gate.clear()
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(1, 0.0))
+    assert navigator.entered.wait(PATIENCE_S)
+    running.worker.offer(InertialSample(800, np.zeros(3), np.zeros(3)))
+    running.worker.offer(BarometerSample(801, 0.0))
+    late = running.worker.state_at(850)
+    # nobody has opened the gate: the step is still going on
+    first, second = early[0].result(PATIENCE_S), late.result(PATIENCE_S)
+    navigator.gate.set()
+    running.wait_for(lambda: len(navigator.offered) == 3)
+    after = running.worker.state_at(900).result(PATIENCE_S)
+    running.worker.close()
+
+    assert first is not None
+    assert second is not None
+    assert after is not None
+    assert (first.t_us, second.t_us, after.t_us) == (700, 850, 900)
+    # what had not come yet, and what is no inertial reading, is not there; afterwards the navigator answers itself
+    assert seen == [[], [800]]
+
+
+def test_an_outlook_that_fails_is_the_askers_trouble() -> None:
+    navigator = Recording()
+
+    def broken(t_us: int, newer: Sequence[Sample]) -> NavigationState | None:
+        raise FloatingPointError("covariance is not positive")
+
+    plain_step = navigator.advance
+
+    def advance(t_us: int) -> list[FixReport]:
+        with navigator.while_busy(broken):
+            return plain_step(t_us)
+
+    navigator.advance = advance  # type: ignore[method-assign]
+    navigator.gate.clear()
+    running = Running(lambda: navigator)
+    running.worker.offer(BarometerSample(1, 0.0))
+    assert navigator.entered.wait(PATIENCE_S)
+    with pytest.raises(FloatingPointError):
+        running.worker.state_at(1).result(PATIENCE_S)
+    navigator.gate.set()
+    running.wait_for(lambda: bool(running.states))
+    running.worker.close()
+
+    assert running.worker.counts.failures == 0
