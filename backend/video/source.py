@@ -7,6 +7,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Protocol
 
+import structlog
+
 from backend.video.frames import VideoUnit
 from estimator.types import Image
 
@@ -15,6 +17,8 @@ Clock = Callable[[], int]
 _JOIN_S = 0.9
 _FIRST_RETRY_S = 0.25
 _LONGEST_RETRY_S = 2.0
+
+_log = structlog.get_logger(__name__)
 
 
 class SourceOutput(Protocol):
@@ -74,6 +78,9 @@ class VideoSource(ABC):
                 self.session()
             except (Gone, OSError) as error:
                 self.status = str(error)
+            except Exception as error:  # a thread that ends here would leave the station blind, and nobody told
+                self.status = f"the video source failed ({type(error).__name__}: {error}); trying again"
+                _log.exception("video source failed", source=type(self).__name__)
             if self.stopping.is_set():
                 return
             self.output.interrupted()
