@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
 
@@ -10,7 +10,7 @@ from backend.api.access import the_station
 from backend.errors import NoStateYetError
 from backend.fleet.vehicle import TrackSource, VehicleView
 from backend.schemas.geometry import TrackCollection, TrackFeature, TrackGeometry, TrackProperties
-from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, VehicleBody
+from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, StateBody, VehicleBody
 from backend.station import Station
 
 router = APIRouter(prefix="/api/v1/vehicles", tags=["vehicles"])
@@ -31,12 +31,12 @@ async def get_vehicle(vehicle_id: str, station: TheStation) -> VehicleBody:
 
 
 @router.get("/{vehicle_id}/state")
-async def get_state(vehicle_id: str, station: TheStation) -> dict[str, Any]:
+async def get_state(vehicle_id: str, station: TheStation) -> StateBody:
     """Where a vehicle is, with its uncertainty; the fields of the stream's ``state`` message."""
     state = station.vehicle(vehicle_id).state_message()
     if state is None:
         raise NoStateYetError(vehicle_id)
-    return state
+    return StateBody(**state)
 
 
 @router.get("/{vehicle_id}/tracks")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -22,6 +22,39 @@ class VehicleBody(BaseModel):
     connected: bool
     replay: bool
     video_source: str | None
+
+
+class VideoClockBody(_Body):
+    """The offset between the video's clock and the telemetry's; ``time_offset_s`` is added to frame times.
+
+    ``std_s`` is None where nobody has measured it, both are while it is ``searching``; ``reason`` says what is lacking.
+    """
+
+    source: Literal["given", "stamped", "searching", "found"]
+    time_offset_s: float | None
+    std_s: float | None = Field(ge=0)
+    reason: str
+
+
+Axes = Annotated[list[float | None], Field(min_length=3, max_length=3)]
+
+
+class StateBody(BaseModel):
+    """The fields of the stream's ``state`` message; described here as far as they are not plain numbers.
+
+    ``boresight_deg`` is from the stated mount to the true one, about x, y, z of the body or of the gimbal's frame.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    vehicle_id: str
+    t_state_unix_us: int
+    epoch: int
+    mode: Literal["gps", "vision", "dead_reckoning", "lost"]
+    gps_denied: bool
+    video_clock: VideoClockBody | None
+    boresight_deg: Axes | None
+    boresight_std_deg: Axes | None
 
 
 class NavigationBody(_Body):

@@ -720,6 +720,34 @@ export interface components {
             start_s: number;
         };
         /**
+         * StateBody
+         * @description The fields of the stream's ``state`` message; described here as far as they are not plain numbers.
+         *
+         *     ``boresight_deg`` is from the stated mount to the true one, about x, y, z of the body or of the gimbal's frame.
+         */
+        StateBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            /** T State Unix Us */
+            t_state_unix_us: number;
+            /** Epoch */
+            epoch: number;
+            /**
+             * Mode
+             * @enum {string}
+             */
+            mode: "gps" | "vision" | "dead_reckoning" | "lost";
+            /** Gps Denied */
+            gps_denied: boolean;
+            video_clock: components["schemas"]["VideoClockBody"] | null;
+            /** Boresight Deg */
+            boresight_deg: (number | null)[] | null;
+            /** Boresight Std Deg */
+            boresight_std_deg: (number | null)[] | null;
+        } & {
+            [key: string]: unknown;
+        };
+        /**
          * TargetCollection
          * @description All targets.
          */
@@ -883,6 +911,25 @@ export interface components {
             video_source: string | null;
         } & {
             [key: string]: unknown;
+        };
+        /**
+         * VideoClockBody
+         * @description The offset between the video's clock and the telemetry's; ``time_offset_s`` is added to frame times.
+         *
+         *     ``std_s`` is None where nobody has measured it, both are while it is ``searching``; ``reason`` says what is lacking.
+         */
+        VideoClockBody: {
+            /**
+             * Source
+             * @enum {string}
+             */
+            source: "given" | "stamped" | "searching" | "found";
+            /** Time Offset S */
+            time_offset_s: number | null;
+            /** Std S */
+            std_s: number | null;
+            /** Reason */
+            reason: string;
         };
     };
     responses: never;
@@ -1131,9 +1178,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": {
-                        [key: string]: unknown;
-                    };
+                    "application/json": components["schemas"]["StateBody"];
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -92,13 +92,7 @@ export interface StateMessage extends Envelope {
   boresight_std_deg?: Maybe<Maybe<number>[]>;
 }
 
-export interface VideoClock {
-  source: 'given' | 'stamped' | 'searching' | 'found';
-  time_offset_s: Maybe<number>;
-  std_s: Maybe<number>;
-  /** Why it has not been found yet. */
-  reason: string;
-}
+export type VideoClock = Schemas['VideoClockBody'];
 
 export interface GpsMessage extends Envelope {
   type: 'gps';
