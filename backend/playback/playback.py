@@ -61,6 +61,7 @@ class Playback:
         self._shown_index = -1
         self._shown_us = recording.start_us
         self._other_sizes: dict[int, tuple[int, int]] = {}  # of shown pictures that are not of the video's first size
+        self._found_offset_us = 0
         self._video_done = False
         self._said_us = 0
         self._said_telemetry_us = 0
@@ -105,8 +106,9 @@ class Playback:
         self.audience.close()
         self.jpeg_audience.close()
 
-    def use_estimate(self, table: EstimateTable) -> None:
-        """Show this estimate from now on."""
+    def use_estimate(self, table: EstimateTable, found_offset_us: int = 0) -> None:
+        """Show this estimate from now on; ``found_offset_us`` is what was added to frame times when it was made."""
+        self._found_offset_us = found_offset_us
         setup = self.recording.setup
         self.estimate_progress = None
         if setup is None:
@@ -157,8 +159,8 @@ class Playback:
         return None if self._states is None else self._states.at(t_us)
 
     def exposure_us(self, frame: FrameIdentity) -> int:
-        """When a frame was exposed: the recording's times have the offset in them."""
-        return frame.t_us
+        """When a frame was exposed: a known offset is in the recording's times, one found with the estimate is not."""
+        return frame.t_us + self._found_offset_us
 
     def assumption_at(self, t_us: int) -> str | None:
         """What the state at a time assumes beyond what the flight's estimate tells."""

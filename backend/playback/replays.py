@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -113,13 +114,15 @@ class Replays:
         """Give a replay its recorded estimate, else a cached one, else compute it in a process of its own."""
         try:
             table = await asyncio.to_thread(_read_if_useful, entry.path / ESTIMATE_FILE)
+            offset_us = 0
             if table is None:
                 cached = self._cache_dir / "estimates" / _cache_key(entry)
                 table = await asyncio.to_thread(_read_if_useful, cached / ESTIMATE_FILE)
                 if table is None:
                     await self._compute(playback, entry, cached)
                     table = await asyncio.to_thread(EstimateTable.read, cached / ESTIMATE_FILE)
-            playback.use_estimate(table)
+                offset_us = await asyncio.to_thread(_found_offset_us, cached / "report.json")
+            playback.use_estimate(table, offset_us)
         except (OSError, ConflictError) as error:
             playback.estimate_progress = None
             playback.estimate_problem = str(error)
@@ -171,6 +174,15 @@ def _read_if_useful(path: Path) -> EstimateTable | None:
     except OSError:
         return None
     return table if len(table.t_us) else None
+
+
+def _found_offset_us(path: Path) -> int:
+    """What the computation added to frame times because it found it, 0 where it was told or found nothing."""
+    try:
+        clock = json.loads(path.read_text(encoding="utf-8"))["video_clock"]
+        return 0 if clock is None else round((clock["time_offset_s"] or 0.0) * 1e6)
+    except (OSError, ValueError, TypeError, KeyError):
+        return 0
 
 
 def _cache_key(entry: FlightEntry) -> str:

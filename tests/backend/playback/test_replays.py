@@ -12,6 +12,8 @@ import httpx
 import pytest
 from numpy.testing import assert_allclose
 
+from backend.flights import FlightShelf
+from backend.playback.replays import _cache_key
 from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight, write_recording_with_faulty_video
 from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
 
@@ -281,3 +283,42 @@ async def test_the_stream_tells_where_a_replay_stands(tmp_path: Path) -> None:
     assert told[0]["t_unix_us"] < told[2]["t_unix_us"]
     assert state["vehicle_id"] == telemetry["vehicle_id"] == "replay-alpha"
     assert telemetry["vehicle_type"] == "helicopter"
+
+
+@pytest.mark.parametrize(
+    ("report", "offset_us"),
+    [
+        ('{"video_clock": {"observable": true, "time_offset_s": -0.4}}', -400_000),
+        ('{"video_clock": {"observable": false, "time_offset_s": null}}', 0),
+        ('{"video_clock": null}', 0),
+        ("cut off {", 0),
+    ],
+)
+async def test_a_click_counts_with_the_offset_that_was_found_with_the_estimate(
+    tmp_path: Path, report: str, offset_us: int
+) -> None:
+    """The flight does not say how far its video's clock is off; its estimate was computed before, and is kept."""
+    folder = tmp_path / "flights" / "alpha"
+    write_flight(folder)
+    estimate = (folder / "estimate.csv").read_bytes()
+    (folder / "estimate.csv").unlink()
+    meta = json.loads((folder / "flight.json").read_text())
+    meta["video"]["time_offset_s"] = None
+    (folder / "flight.json").write_text(json.dumps(meta))
+    kept = tmp_path / "cache" / "estimates" / _cache_key(FlightShelf(tmp_path / "flights", ()).get("alpha"))
+    kept.mkdir(parents=True)
+    (kept / "estimate.csv").write_bytes(estimate)
+    (kept / "report.json").write_text(report)
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 1.0, "start_s": 2.0})
+        await until(running, lambda replays: replays[0]["progress"] is None)
+        click = {"vehicle_id": "replay-alpha", "frame_id": 100 + 50, "u_px": 159.5, "v_px": 119.5}
+        answer = await running.client.post("/api/v1/targets", json=click)
+
+    assert answer.status_code == 201, answer.text
+    exposed_us = T0_US + 50 * 40_000 + offset_us
+    properties = answer.json()["properties"]
+    assert properties["t_unix_us"] == exposed_us
+    # straight down, 5 m/s to the north
+    north_m = math.radians(properties["lat_deg"] - LAT_DEG) * 6.368e6
+    assert north_m == pytest.approx(5.0 * (exposed_us - T0_US) / 1e6, abs=0.05)
