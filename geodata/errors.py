@@ -11,6 +11,7 @@ GeodataError              base of all
     UnsupportedRasterError  a band count or data type that means nothing here
   MapLibraryError         the library cannot do what was asked
     MapNotFoundError        no map of that id
+  PhotoError              a photo cannot be used; carries ``path``, ``problem``, ``remedy``
   FlightFolderError       a flight folder cannot be used; carries ``path``, ``field``, ``problem``, ``remedy``
 """
 
@@ -71,6 +72,16 @@ class MapNotFoundError(MapLibraryError):
     def __init__(self, map_id: str) -> None:
         self.map_id = map_id
         super().__init__(f"no map {map_id!r} in the library; list the maps to see their ids")
+
+
+class PhotoError(GeodataError):
+    """A photo cannot be used: which, why, and what to do."""
+
+    def __init__(self, path: Path, problem: str, remedy: str = "") -> None:
+        self.path = path
+        self.problem = problem
+        self.remedy = remedy
+        super().__init__(f"{path}: {problem}" + (f"; {remedy}" if remedy else ""))
 
 
 class FlightFolderError(GeodataError):

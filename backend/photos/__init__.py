@@ -1,0 +1,1 @@
+"""Still photos: where they were taken."""
