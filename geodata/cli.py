@@ -18,6 +18,7 @@ from rich.table import Table
 
 from geodata.errors import GeodataError
 from geodata.maps import MapLibrary, MapRecord, guess_kind
+from geodata.matchability import add_to_library, matchability_of, write_numbers
 from geodata.raster import LatLonBounds, open_raster
 
 
@@ -41,6 +42,9 @@ def register(app: typer.Typer) -> None:
     group.command("import", epilog="Example: pilotage map import ortho.tif --name Farm")(import_map)
     group.command("info", epilog="Example: pilotage map info ortho.tif")(info)
     group.command("list", epilog="Example: pilotage map list --json")(list_maps)
+    group.command("matchability", epilog="Example: pilotage map matchability ortho.tif --out layer.tif --footprint 80")(
+        matchability
+    )
     group.command("delete", epilog="Example: pilotage map delete 3fa92c10b77e")(delete)
     app.add_typer(group, name="map")
 
@@ -99,6 +103,38 @@ def list_maps(data_dir: DataDir = None, as_json: AsJson = False) -> None:
         _print_table(records)
     else:
         typer.echo(f"no maps in {library.folder}; add one with: pilotage map import FILE.tif")
+
+
+def matchability(
+    map_or_file: Annotated[str, typer.Argument(help="A map's id, or a raster file.", show_default=False)],
+    out: Annotated[Path | None, typer.Option(help="GeoTIFF to write; in the library without, for the console.")] = None,
+    footprint: Annotated[
+        float, typer.Option(min=5.0, max=5000.0, help="Side of what a picture shows, metres.")
+    ] = 100.0,
+    radius: Annotated[float, typer.Option(min=5.0, max=2000.0, help="How far off the position may be, metres.")] = 40.0,
+    data_dir: DataDir = None,
+    as_json: AsJson = False,
+) -> None:
+    """Predict how well each place of a map can be matched, before flying there.
+
+    Bands of the GeoTIFF: expected sigma along the worst axis in metres; probability of a wrong place within the radius;
+    height of the peak in deviations of chance; kind of place (0 good, 1 ambiguous by repetition, 2 too little texture).
+    """
+    library = MapLibrary(library_folder(data_dir))
+    is_file = Path(map_or_file).exists() or any(mark in map_or_file for mark in "/.")
+    if is_file and out is None:
+        raise typer.BadParameter("a file's layer needs --out FILE.tif; without it the map must be one of the library")
+    if out is not None and is_file and out.resolve() == Path(map_or_file).resolve():
+        raise typer.BadParameter("--out is the map itself")
+    with _errors_shown(), Progress(console=Console(stderr=True), transient=True) as progress:
+        path = Path(map_or_file) if is_file else library.raster_path(map_or_file)
+        task = progress.add_task("predicting", total=1.0)
+        layer = matchability_of(path, footprint, radius, lambda part: progress.update(task, completed=part))
+        if out is not None:
+            write_numbers(out, layer)
+        else:
+            add_to_library(library, map_or_file, layer)
+    _show({**asdict(layer.summary), "file": str(out) if out else f"library, map {map_or_file}"}, as_json)
 
 
 def delete(
