@@ -7,6 +7,7 @@ StationError            base: ``str()`` is fit for an operator's eyes
   UnknownTargetError    no target with that id
   UnknownFlightError    no flight with that id
   UnknownReplayError    no replay under that vehicle id
+  LayerMissingError     the map has no such layer yet
   FrameGoneError        the frame is not, or no longer, in the ring
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
@@ -71,6 +72,14 @@ class UnknownReplayError(StationError):
     def __init__(self, vehicle_id: str) -> None:
         self.vehicle_id = vehicle_id
         super().__init__(f"no replay runs as vehicle '{vehicle_id}'")
+
+
+class LayerMissingError(StationError):
+    """The map has no such layer yet."""
+
+    def __init__(self, map_id: str) -> None:
+        self.map_id = map_id
+        super().__init__(f"map '{map_id}' has no matchability layer: POST /api/v1/maps/{map_id}/matchability makes one")
 
 
 class FrameGoneError(StationError):
@@ -142,6 +151,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     UnknownFlightError: HTTPStatus.NOT_FOUND,
     UnknownReplayError: HTTPStatus.NOT_FOUND,
     MapNotFoundError: HTTPStatus.NOT_FOUND,
+    LayerMissingError: HTTPStatus.NOT_FOUND,
     FrameGoneError: HTTPStatus.NOT_FOUND,
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,

@@ -8,11 +8,12 @@ from collections import OrderedDict
 from pathlib import Path
 
 from backend.clock import mono_us
-from backend.errors import StartError
+from backend.errors import ConflictError, LayerMissingError, StartError
 from backend.navigation.setup import MapFiles, Place
 from backend.schemas.vehicles import MapBody, MapBounds
 from geodata.errors import GeodataError, MapNotFoundError
 from geodata.maps import MapKind, MapLibrary, MapRecord
+from geodata.matchability import MatchabilitySummary, add_to_library, matchability_of, of_library
 from geodata.tiles import MapTiles
 
 OPEN_TILE_SOURCES = 8
@@ -27,6 +28,7 @@ class StationMaps:
         self._tiles: OrderedDict[str, MapTiles] = OrderedDict()
         self._records: dict[str, MapRecord] = {}
         self._refreshed_us = 0
+        self._predicting = asyncio.Lock()  # one at a time: each takes a core for seconds
 
     async def choose(self, given: str | None) -> None:
         """Use the map that ``--map`` names, by id or by name, or import the file it names.
@@ -71,9 +73,8 @@ class StationMaps:
         """Remove a map from the library."""
         await asyncio.to_thread(self.library.delete, map_id)
         self._records.pop(map_id, None)
-        tiles = self._tiles.pop(map_id, None)
-        if tiles is not None:
-            tiles.close()
+        self._forget_tiles(map_id)
+        self._forget_tiles(_layer_key(map_id))
 
     def bodies(self) -> list[MapBody]:
         """All maps, as the API shows them."""
@@ -87,18 +88,57 @@ class StationMaps:
 
     async def tile(self, map_id: str, z: int, x: int, y: int) -> bytes:
         """One picture tile as PNG."""
+        await self._known(map_id)
+        return await self._tile_of(map_id, self.library.raster_path(map_id), z, x, y)
+
+    async def matchability(self, map_id: str) -> MatchabilitySummary:
+        """What was predicted for a map; LayerMissingError where nothing was."""
+        await self._known(map_id)
+        found = await asyncio.to_thread(of_library, self.library, map_id)
+        if found is None:
+            raise LayerMissingError(map_id)
+        return found[1]
+
+    async def predict_matchability(self, map_id: str, footprint_m: float, radius_m: float) -> MatchabilitySummary:
+        """Predict how well each place of an imagery map can be matched, and keep it as a layer."""
+        record = await self._known(map_id)
+        if record.kind != "imagery":
+            raise ConflictError(f"map '{map_id}' is elevation: only imagery is matched")
+        async with self._predicting:
+            layer = await asyncio.to_thread(matchability_of, self.library.raster_path(map_id), footprint_m, radius_m)
+            summary = await asyncio.to_thread(add_to_library, self.library, map_id, layer)
+        self._forget_tiles(_layer_key(map_id))
+        return summary
+
+    async def matchability_tile(self, map_id: str, z: int, x: int, y: int) -> bytes:
+        """One tile of a map's layer as PNG."""
+        await self._known(map_id)
+        found = await asyncio.to_thread(of_library, self.library, map_id)
+        if found is None:
+            raise LayerMissingError(map_id)
+        return await self._tile_of(_layer_key(map_id), found[0], z, x, y)
+
+    async def _known(self, map_id: str) -> MapRecord:
         if map_id not in self._records:
             await self.refresh()
         if map_id not in self._records:
             raise MapNotFoundError(map_id)
-        tiles = self._tiles.get(map_id)
+        return self._records[map_id]
+
+    async def _tile_of(self, key: str, path: Path, z: int, x: int, y: int) -> bytes:
+        tiles = self._tiles.get(key)
         if tiles is None:
-            tiles = await asyncio.to_thread(MapTiles, self.library.raster_path(map_id))
-            tiles = self._tiles.setdefault(map_id, tiles)
+            tiles = await asyncio.to_thread(MapTiles, path)
+            tiles = self._tiles.setdefault(key, tiles)
             while len(self._tiles) > OPEN_TILE_SOURCES:
                 self._tiles.popitem(last=False)[1].close()
-        self._tiles.move_to_end(map_id)
+        self._tiles.move_to_end(key)
         return await asyncio.to_thread(tiles.tile, z, x, y)
+
+    def _forget_tiles(self, key: str) -> None:
+        tiles = self._tiles.pop(key, None)
+        if tiles is not None:
+            tiles.close()
 
     def files_for(self, here: Place) -> MapFiles:
         """The imagery and elevation for a place: the chosen map, else the finest imagery that covers the place."""
@@ -142,6 +182,10 @@ class StationMaps:
             and 0.0 <= (lon_deg - record.bounds.west_deg) % 360.0 <= record.bounds.east_deg - record.bounds.west_deg
         ]  # fmt: skip
         return min(covering, key=lambda record: (record.gsd_m, -record.imported_unix_us), default=None)
+
+
+def _layer_key(map_id: str) -> str:
+    return f"{map_id}/matchability"
 
 
 def body_of_map(record: MapRecord) -> MapBody:

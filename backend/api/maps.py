@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import re
 import tempfile
+from dataclasses import asdict
 from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,9 +15,10 @@ from fastapi import APIRouter, Depends, Form, Response, UploadFile
 
 from backend.api.access import the_station
 from backend.errors import InvalidRequestError
-from backend.schemas.vehicles import MapBody
+from backend.schemas.vehicles import MapBody, MatchabilityBody, MatchabilityRequest
 from backend.station import Station
 from geodata.errors import RasterError
+from geodata.matchability import MatchabilitySummary
 
 router = APIRouter(prefix="/api/v1/maps", tags=["maps"])
 
@@ -83,3 +86,39 @@ async def get_tile(map_id: str, z: int, x: int, y: int, station: TheStation) -> 
     except ValueError as error:
         raise InvalidRequestError(str(error)) from None
     return Response(content, media_type="image/png", headers={"Cache-Control": "max-age=3600"})
+
+
+@router.post("/{map_id}/matchability", status_code=HTTPStatus.CREATED)
+async def predict_matchability(
+    map_id: str, station: TheStation, wanted: MatchabilityRequest | None = None
+) -> MatchabilityBody:
+    """Predict how well each place of a map can be matched; takes seconds for each square kilometre."""
+    wanted = wanted or MatchabilityRequest()
+    summary = await station.maps.predict_matchability(map_id, wanted.footprint_m, wanted.radius_m)
+    return _body_of_summary(map_id, summary)
+
+
+@router.get("/{map_id}/matchability")
+async def get_matchability(map_id: str, station: TheStation) -> MatchabilityBody:
+    """What was predicted for a map."""
+    return _body_of_summary(map_id, await station.maps.matchability(map_id))
+
+
+@router.get(
+    "/{map_id}/matchability/{z}/{x}/{y}.png",
+    response_class=Response, responses={200: {"content": {"image/png": {}}}},
+)  # fmt: skip
+async def get_matchability_tile(map_id: str, z: int, x: int, y: int, station: TheStation) -> Response:
+    """A tile of the layer: green to red by sigma, violet where patterns repeat, grey where texture lacks."""
+    try:
+        content = await station.maps.matchability_tile(map_id, z, x, y)
+    except ValueError as error:
+        raise InvalidRequestError(str(error)) from None
+    return Response(content, media_type="image/png", headers={"Cache-Control": "no-cache"})
+
+
+def _body_of_summary(map_id: str, summary: MatchabilitySummary) -> MatchabilityBody:
+    values = asdict(summary)
+    # JSON has no NaN
+    median = values["median_sigma_m"]
+    return MatchabilityBody(map_id=map_id, **{**values, "median_sigma_m": median if math.isfinite(median) else None})

@@ -162,3 +162,24 @@ class MapBody(BaseModel):
     bands: int
     size: list[int]
     source_file: str | None
+
+
+class MatchabilityRequest(BaseModel):
+    """What a picture shows (its side on the ground) and how far off the position may be."""
+
+    footprint_m: float = Field(default=100.0, ge=5.0, le=5000.0)
+    radius_m: float = Field(default=40.0, ge=5.0, le=2000.0)
+
+
+class MatchabilityBody(BaseModel):
+    """How well a map can be matched; shares are of its places, sigma is along the worst axis."""
+
+    map_id: str
+    footprint_m: float
+    radius_m: float
+    step_m: float
+    places: int
+    median_sigma_m: float | None
+    share_good: float
+    share_ambiguous: float
+    share_weak: float

@@ -54,6 +54,34 @@ async def test_an_uploaded_map_is_listed_shown_told_and_deleted(tmp_path: Path) 
     assert (dropped["action"], dropped["map"]) == ("deleted", map_id)
 
 
+async def test_a_layer_says_how_well_a_map_can_be_matched(tmp_path: Path) -> None:
+    data = geotiff(tmp_path / "field.tif").read_bytes()
+    async with running_station(tmp_path / "data") as running:
+        client = running.client
+        made = await client.post("/api/v1/maps", files={"file": ("field.tif", data)})
+        address = f"/api/v1/maps/{made.json()['id']}/matchability"
+        before = await client.get(address)
+        no_tile_yet = await client.get(f"{address}/14/8601/5767.png")
+        predicted = await client.post(address, json={"footprint_m": 60.0})
+        after = await client.get(address)
+        tile = await client.get(f"{address}/14/8601/5767.png")
+        senseless = await client.post(address, json={"footprint_m": -1.0})
+        too_large = await client.post(address, json={"footprint_m": 900.0})
+        unknown = await client.post("/api/v1/maps/0123456789ab/matchability")
+        await client.delete(f"/api/v1/maps/{made.json()['id']}")
+        gone = await client.get(address)
+
+    assert (before.status_code, no_tile_yet.status_code) == (404, 404)
+    assert "POST" in before.json()["detail"]
+    assert predicted.status_code == 201, predicted.text
+    assert after.json() == predicted.json()
+    # noise of full contrast in every pixel is as distinct as a map can be
+    assert after.json()["share_good"] > 0.9
+    assert tile.content.startswith(PNG)
+    assert (senseless.status_code, too_large.status_code) == (422, 422)
+    assert (unknown.status_code, gone.status_code) == (404, 404)
+
+
 def huge(path: Path) -> bytes:
     """A header that claims 300 000 x 300 000 pixels and holds none of them."""
     profile = {"driver": "GTiff", "width": 300_000, "height": 300_000, "count": 1, "dtype": "uint8"}
