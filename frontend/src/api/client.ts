@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, MapSummary, Problem, Target, TrackCollection } from './types';
+import type { Flight, MapSummary, Matchability, Problem, Target, TrackCollection } from './types';
 
 export class ApiError extends Error {
   constructor(
@@ -40,6 +40,9 @@ export interface StationApi {
   importMap(file: File, progress: (fraction: number) => void): Promise<MapSummary>;
   deleteMap(map_id: string): Promise<void>;
   tileUrl(map_id: string): string;
+  /** The layer that a map has, computed first where it has none: seconds for each square kilometre. */
+  matchability(map_id: string): Promise<Matchability>;
+  matchabilityTileUrl(map_id: string): string;
 }
 
 /** What a refusal says. Anything that is no problem document still gives a sentence. */
@@ -177,6 +180,20 @@ export class RestApi implements StationApi {
 
   tileUrl(map_id: string): string {
     return new URL(`api/v1/maps/${encodeURIComponent(map_id)}/tiles/`, this.base).toString() + '{z}/{x}/{y}.png';
+  }
+
+  async matchability(map_id: string): Promise<Matchability> {
+    const params = { path: { map_id } };
+    try {
+      return await this.answer(this.client.GET('/api/v1/maps/{map_id}/matchability', { params }));
+    } catch (error) {
+      if (!(error instanceof ApiError) || error.status !== 404) throw error;
+    }
+    return this.answer(this.client.POST('/api/v1/maps/{map_id}/matchability', { params }));
+  }
+
+  matchabilityTileUrl(map_id: string): string {
+    return new URL(`api/v1/maps/${encodeURIComponent(map_id)}/matchability/`, this.base).toString() + '{z}/{x}/{y}.png';
   }
 }
 

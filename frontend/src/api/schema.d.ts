@@ -304,6 +304,50 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/maps/{map_id}/matchability": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Matchability
+         * @description What was predicted for a map.
+         */
+        get: operations["get_matchability_api_v1_maps__map_id__matchability_get"];
+        put?: never;
+        /**
+         * Predict Matchability
+         * @description Predict how well each place of a map can be matched; takes seconds for each square kilometre.
+         */
+        post: operations["predict_matchability_api_v1_maps__map_id__matchability_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/maps/{map_id}/matchability/{z}/{x}/{y}.png": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Matchability Tile
+         * @description A tile of the layer: green to red by sigma, violet where patterns repeat, grey where texture lacks.
+         */
+        get: operations["get_matchability_tile_api_v1_maps__map_id__matchability__z___x___y__png_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/flights": {
         parameters: {
             query?: never;
@@ -588,6 +632,46 @@ export interface components {
             north_deg: number;
             /** East Deg */
             east_deg: number;
+        };
+        /**
+         * MatchabilityBody
+         * @description How well a map can be matched; shares are of its places, sigma is along the worst axis.
+         */
+        MatchabilityBody: {
+            /** Map Id */
+            map_id: string;
+            /** Footprint M */
+            footprint_m: number;
+            /** Radius M */
+            radius_m: number;
+            /** Step M */
+            step_m: number;
+            /** Places */
+            places: number;
+            /** Median Sigma M */
+            median_sigma_m: number | null;
+            /** Share Good */
+            share_good: number;
+            /** Share Ambiguous */
+            share_ambiguous: number;
+            /** Share Weak */
+            share_weak: number;
+        };
+        /**
+         * MatchabilityRequest
+         * @description What a picture shows (its side on the ground) and how far off the position may be.
+         */
+        MatchabilityRequest: {
+            /**
+             * Footprint M
+             * @default 100
+             */
+            footprint_m: number;
+            /**
+             * Radius M
+             * @default 40
+             */
+            radius_m: number;
         };
         /**
          * NavigationBody
@@ -1754,6 +1838,145 @@ export interface operations {
         };
     };
     get_tile_api_v1_maps__map_id__tiles__z___x___y__png_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+                z: number;
+                x: number;
+                y: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/png": unknown;
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_matchability_api_v1_maps__map_id__matchability_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MatchabilityBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    predict_matchability_api_v1_maps__map_id__matchability_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                map_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["MatchabilityRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MatchabilityBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_matchability_tile_api_v1_maps__map_id__matchability__z___x___y__png_get: {
         parameters: {
             query?: never;
             header?: never;

@@ -24,6 +24,7 @@ interface Envelope {
 export type VehicleSummary = Partial<Schemas['VehicleBody']> & { id: string };
 export type MapBounds = Schemas['MapBounds'];
 export type MapSummary = Schemas['MapBody'];
+export type Matchability = Schemas['MatchabilityBody'];
 export type Target = Schemas['TargetFeature'];
 export type TargetProperties = Schemas['TargetProperties'];
 export type TargetCollection = Schemas['TargetCollection'];

@@ -66,6 +66,7 @@ export class Chart {
   private readonly sources = new Map<Overlay, VectorSource>();
   private readonly layers = new Map<Overlay, VectorLayer>();
   private readonly imagery = new Map<string, TileLayer>();
+  private matchability: TileLayer | null = null;
   private readonly format = new GeoJSON({ featureProjection: WEB_MERCATOR });
 
   constructor(element: HTMLElement, listener: ChartListener) {
@@ -164,6 +165,22 @@ export class Chart {
 
   showImagery(visible: boolean): void {
     for (const layer of this.imagery.values()) layer.setVisible(visible);
+  }
+
+  /** The layer of one map over all imagery, or none. */
+  setMatchability(map: MapSummary | null, tileUrl: (map_id: string) => string): void {
+    if (this.matchability) this.map.removeLayer(this.matchability);
+    this.matchability = null;
+    if (!map) return;
+    const { west_deg, south_deg, east_deg, north_deg } = map.bounds;
+    this.matchability = new TileLayer({
+      // Places are tens of metres apart; finer tiles would show nothing new.
+      source: new XYZ({ url: tileUrl(map.id), minZoom: 0, maxZoom: 17, transition: 0 }),
+      extent: transformExtent([west_deg, south_deg, east_deg, north_deg], 'EPSG:4326', WEB_MERCATOR),
+      opacity: 0.55,
+      zIndex: this.imagery.size,
+    });
+    this.map.addLayer(this.matchability);
   }
 
   fitMap(map: MapSummary): void {

@@ -2,7 +2,7 @@
 
 import type { StationApi } from '../api/client';
 import { ApiError } from '../api/client';
-import type { StationMessage, Target } from '../api/types';
+import type { Matchability, StationMessage, Target } from '../api/types';
 import type { CoordinateFormat } from '../geo/format';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
@@ -66,6 +66,9 @@ export class Session {
   tracksRevision = $state(0);
   /** Where the map should go next; a new object each time. */
   goto = $state.raw<{ lat_deg: number; lon_deg: number } | null>(null);
+
+  /** The map whose matchability is drawn, with what was found of it. */
+  matchability = $state.raw<Matchability | null>(null);
 
   readonly tracks = new TrackBook();
   /** Ticks, so that ages grow while nothing arrives. */

@@ -180,6 +180,8 @@ class FakeStation implements Source {
     importMap: () => Promise.reject(new Error('the fake station takes no maps')),
     deleteMap: () => Promise.resolve(),
     tileUrl: () => '',
+    matchability: () => Promise.reject(new Error('nothing is computed here')),
+    matchabilityTileUrl: () => '',
   };
 }
 
