@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from estimator.geometry.local import LocalFrame
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.locate import LocateConfig, Located, NotLocated, locate
 from estimator.registration.pose_prior import PosePrior
+from estimator.types import Image
 from geodata.elevation import ElevationGrid, FlatGround
 from geodata.errors import EmptyRasterError, FlightFolderError, PhotoError, RasterError
 from geodata.imagery import ImageryGrid, NeBounds, ReferenceImagery
@@ -59,6 +61,22 @@ class PhotoAnswer:
     failed: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Attempt:
+    """Everything that one try needs: grey picture (rows, cols), camera, map, ground and prior."""
+
+    image: Image
+    camera: Camera
+    reference: ReferenceMap
+    terrain: GroundModel
+    prior: PosePrior
+    config: LocateConfig
+
+    def locate(self, origin_alt_amsl_m: float) -> Located | NotLocated:
+        """Try it."""
+        return locate(self.image, self.camera, self.reference, self.terrain, origin_alt_amsl_m, self.prior, self.config)
+
+
 class PhotoSession:
     """One map with its terrain, ready for photos."""
 
@@ -90,16 +108,47 @@ class PhotoSession:
     def answer(self, path: Path, hints: Hints, use_exif_gps: bool = False) -> PhotoAnswer:
         """Locate one photo; what is wrong with it is an answer, too."""
         started = time.perf_counter()
+        found: Located | NotLocated = NotLocated("nothing was tried")
         try:
-            image, meta = read_photo(path)
-            hints = hints.over(hints_of_photo(meta, use_exif_gps))
-            camera = self._camera(meta, hints, path)
-            found = self._locate(np.asarray(image), camera, hints)
+            for attempt in self.attempts(path, hints, use_exif_gps):
+                tried = attempt.locate(self.frame.alt_m)
+                if isinstance(found, NotLocated) or (isinstance(tried, Located) and tried.accepted):
+                    found = tried
+                if isinstance(found, Located) and found.accepted:
+                    break
         except (PhotoError, RasterError, HintError, FlightFolderError) as error:
             return PhotoAnswer(path.name, False, str(error), _since_ms(started), failed=True)
         if isinstance(found, NotLocated):
             return PhotoAnswer(path.name, False, found.reason, _since_ms(started))
         return self._in_degrees(path.name, found, _since_ms(started))
+
+    def attempts(self, path: Path, hints: Hints, use_exif_gps: bool = False) -> Iterator[Attempt]:
+        """What there is to try with a photo, the likeliest first.
+
+        Where the height is unknown some are guessed; pictures may be stored upside down and headings be those of the
+        aircraft, so looking down the heading is left open in the end. Keypoints alone try those.
+
+        Raises
+        ------
+        PhotoError, RasterError, HintError
+            Photo, map or hints cannot be used.
+        """
+        image, meta = read_photo(path)
+        hints = hints.over(hints_of_photo(meta, use_exif_gps))
+        camera = self._camera(meta, hints, path)
+        centre_ne_m, radius_m, std_m = self._place(hints)
+        quick = replace(self.config, proposers=("sift", "akaze"))
+        guesses: list[Hints] = []
+        if hints.agl_m is None and hints.alt_amsl_m is None:
+            guesses = [replace(hints, agl_m=agl_m, height_std_m=0.25 * agl_m) for agl_m in GUESSED_AGL_M]
+        for tried in guesses or [hints]:
+            terrain, prior = self._prior(centre_ne_m, radius_m, std_m, tried)
+            reference = self._reference(prior, terrain, camera)
+            yield Attempt(image, camera, reference, terrain, prior, quick if guesses else self.config)
+        looks_down = hints.pitch_deg is None or hints.pitch_deg < -70.0
+        if hints.heading_deg is not None and looks_down and not guesses:
+            open_prior = replace(prior, heading_rad=0.0, heading_std_rad=math.inf)
+            yield Attempt(image, camera, reference, terrain, open_prior, quick)
 
     def _camera(self, meta: PhotoMeta, hints: Hints, path: Path) -> Camera:
         if self._profile is not None:
@@ -117,29 +166,6 @@ class PhotoSession:
         if hints.hfov_deg is None:
             raise HintError(f"{path}: says nothing of its field of view; give --hfov DEG or --camera CAM.json")
         return Camera.from_hfov(meta.width_px, meta.height_px, math.radians(hints.hfov_deg))
-
-    def _locate(self, image: np.ndarray, camera: Camera, hints: Hints) -> Located | NotLocated:
-        centre, radius_m, std_m = self._place(hints)
-        agls = [hints.agl_m] if hints.agl_m is not None or hints.alt_amsl_m is not None else list(GUESSED_AGL_M)
-        found: Located | NotLocated = NotLocated("no height was tried")
-        for agl_m in agls:
-            height = replace(hints, agl_m=agl_m, height_std_m=0.25 * agl_m) if len(agls) > 1 and agl_m else hints
-            for relaxed in (False, True):
-                terrain, prior = self._prior(centre, radius_m, std_m, height, relaxed)
-                reference = self._reference(prior, terrain, camera)
-                config = self.config
-                if relaxed or len(agls) > 1:
-                    config = replace(config, proposers=("sift", "akaze"))
-                tried = locate(image, camera, reference, terrain, self.frame.alt_m, prior, config)
-                if isinstance(found, NotLocated) or (isinstance(tried, Located) and tried.accepted):
-                    found = tried
-                done = isinstance(found, Located) and found.accepted
-                # pictures are stored upside down, and headings are those of the aircraft: without it, once more
-                if done or hints.heading_deg is None or (hints.pitch_deg or -90.0) > -70.0:
-                    break
-            if isinstance(found, Located) and found.accepted:
-                break
-        return found
 
     def _place(self, hints: Hints) -> tuple[np.ndarray, float, float]:
         if hints.lat_deg is None or hints.lon_deg is None:
@@ -161,7 +187,7 @@ class PhotoSession:
         return centre, 1.05 * radius_m + 5.0, math.inf
 
     def _prior(
-        self, centre_ne_m: np.ndarray, radius_m: float, std_m: float, hints: Hints, without_heading: bool
+        self, centre_ne_m: np.ndarray, radius_m: float, std_m: float, hints: Hints
     ) -> tuple[GroundModel, PosePrior]:
         terrain = self._terrain
         if terrain is None:
@@ -184,7 +210,7 @@ class PhotoSession:
             alt, std = hints.alt_amsl_m or 0.0, hints.height_std_m or 3.0
             if alt < float(heights.min()) + 3.0:
                 raise HintError(f"{alt:.0f} m above sea level is below the ground, which is {middle:.0f} m high here")
-        has_heading = hints.heading_deg is not None and not without_heading
+        has_heading = hints.heading_deg is not None
         return terrain, PosePrior(
             centre_ne_m, radius_m, std_m, self.frame.alt_m - alt, std,
             math.radians(hints.heading_deg or 0.0) if has_heading else 0.0,

@@ -47,7 +47,7 @@ class SweepConfig:
     most_heights: int = 2
     cell_share: float = 0.7
     level_share: float = 0.12
-    keep: int = 12
+    keep: int = 16
     apart_m: float = 8.0
     max_obliquity_rad: float = 1.2
 

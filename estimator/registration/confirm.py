@@ -7,6 +7,7 @@ fitting windows (``refine``) but holds where single windows show nothing, as bet
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,8 +17,9 @@ from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rot
 from estimator.ports import ReferenceMap
 from estimator.registration.alignment import CameraPose, MatcherConfig, NoMatch, Registrar
 from estimator.registration.candidates import Candidate, camera_places, clutter
-from estimator.registration.channels import double_angle_gradients
+from estimator.registration.channels import Channels, double_angle_gradients
 from estimator.registration.correlation import SearchArea
+from estimator.registration.mind import self_similarity
 from estimator.registration.ortho import CoarseMap, Ground, Ortho, footprint_ne_m, map_area, rectify
 from estimator.registration.pose_prior import PosePrior
 from estimator.registration.refine import Refinement
@@ -31,13 +33,15 @@ CLUTTER, USUAL_RIVAL = 2.2, 4.0
 
 @dataclass(frozen=True, slots=True)
 class ConfirmConfig:
-    """``level_px`` across the footprint is the resolution; steps of the polish are halved ``rounds`` times.
+    """``level_px`` across the footprint is the resolution, ``second_level_px`` that of the second opinion; steps of the
+    polish are halved ``rounds`` times.
 
     ``gain`` turns squared deviations of clutter into log likelihood. A candidate with ``sure_strength`` pairs of
     keypoints is not polished; where ``min_agreement`` of the windows agree, they have the last word.
     """
 
     level_px: int = 160
+    second_level_px: int = 80
     rounds: int = 4
     radius_px: int = 5
     turn_step_rad: float = 0.05
@@ -58,14 +62,17 @@ class Evidence:
 
     ``similarity`` is the correlation at the pose; ``height`` that over the area's clutter in deviations, ``rival`` the
     same of the best place elsewhere. ``agreement`` is the share of windows that find their own best place where
-    the whole does. ``strain`` is the distance of height and tilt from the prior in its standard deviations. ``pairs``
-    of keypoints agree, and ``pixels`` of the picture took part.
+    the whole does. ``second_height`` and ``second_rival`` are as ``height`` and ``rival`` by self-similarity, which the
+    polish did not climb. ``strain`` is the distance of height and tilt from the prior in its standard deviations.
+    ``pairs`` of keypoints agree, and ``pixels`` of the picture took part.
     """
 
     similarity: float
     height: float
     rival: float
     agreement: float
+    second_height: float
+    second_rival: float
     strain: float
     pairs: int
     pixels: int
@@ -238,15 +245,29 @@ class Trial:
         return pose, refined
 
     def _evidence(self, pose: CameraPose, gsd_m: float, agreement: float, pairs: int) -> Evidence | None:
+        first = self._standing(pose, gsd_m, double_angle_gradients)
+        coarse_m = gsd_m * self.config.level_px / self.config.second_level_px
+        second = self._standing(pose, max(self._reference.gsd_m, coarse_m), self_similarity)
+        if first is None or second is None:
+            return None
+        return Evidence(
+            first.similarity, first.height, first.rival, agreement, second.height, second.rival, self.strain(pose),
+            pairs, first.pixels,
+        )  # fmt: skip
+
+    def _standing(self, pose: CameraPose, gsd_m: float, channels: Callable[[Image], Channels]) -> _Standing | None:
+        """How the picture at a pose stands against the rest of the prior's area."""
         config = self.config
-        ortho = rectify(self._image, self._camera, pose, self._ground, gsd_m, 2 * config.level_px,
-                        config.max_obliquity_rad)  # fmt: skip
+        ortho = rectify(
+            self._image, self._camera, pose, self._ground, gsd_m, 2 * config.level_px, config.max_obliquity_rad
+        )
         if ortho is None:
             return None
         ortho = on_map_only(ortho, self._reference)
-        if ortho.mask.sum() < MIN_PIXELS:
+        pixels = int(ortho.mask.sum())
+        if pixels < MIN_PIXELS * (config.second_level_px / config.level_px) ** 2:
             return None
-        surface, north, east = area_surface(ortho, self._reference, self._prior, pose)
+        surface, north, east = area_surface(ortho, self._reference, self._prior, pose, channels)
         place = np.stack(np.broadcast_arrays(north, east), axis=-1)
         known = np.isfinite(surface) & np.isfinite(self._prior.log_density(place))
         distance = np.linalg.norm(place - pose.pos_ned_m[:2], axis=-1)
@@ -256,13 +277,20 @@ class Trial:
         own = float(surface[near].max())
         if far.sum() < MIN_PLACES:
             # hardly another place to compare with: what clutter and its highest peak usually are
-            middle, spread = 0.0, CLUTTER / float(np.sqrt(ortho.mask.sum()))
+            middle, spread = 0.0, CLUTTER / float(np.sqrt(pixels))
             other = USUAL_RIVAL * spread
         else:
             middle, spread = clutter(surface, far)
             other = float(surface[far].max())
-        height, rival = (own - middle) / spread, (other - middle) / spread
-        return Evidence(own, height, rival, agreement, self.strain(pose), pairs, int(ortho.mask.sum()))
+        return _Standing(own, (own - middle) / spread, (other - middle) / spread, pixels)
+
+
+@dataclass(frozen=True, slots=True)
+class _Standing:
+    similarity: float
+    height: float
+    rival: float
+    pixels: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -306,7 +334,7 @@ def on_map_only(ortho: Ortho, reference: ReferenceMap) -> Ortho:
 
 
 def area_surface(
-    ortho: Ortho, reference: ReferenceMap, prior: PosePrior, pose: CameraPose
+    ortho: Ortho, reference: ReferenceMap, prior: PosePrior, pose: CameraPose, channels: Callable[[Image], Channels]
 ) -> tuple[Float, Float, Float]:
     """Similarity of a rectified picture all over the prior's area, with the camera's north and east at each entry."""
     rows, cols = ortho.image.shape
@@ -315,8 +343,8 @@ def area_surface(
     around = map_area(reference, centre, prior.radius_m + (0.5 * np.array([rows, cols]) + 2.0) * gsd_m, gsd_m)
     if around is None or around.image.shape[0] < rows or around.image.shape[1] < cols:
         return np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0))
-    area = SearchArea(double_angle_gradients(around.image), around.valid, (rows, cols))
-    surface = area.correlate(double_angle_gradients(ortho.image), ortho.mask)
+    area = SearchArea(channels(around.image), around.valid, (rows, cols))
+    surface = area.correlate(channels(ortho.image), ortho.mask)
     north, east = camera_places(ortho, around.corner_ne_m, pose, surface.shape)
     return np.asarray(surface, dtype=np.float64), north, east
 

@@ -29,7 +29,7 @@ PROPOSERS = ("sift", "akaze", "orb", "correlation")
 @dataclass(frozen=True, slots=True)
 class LocateConfig:
     """``sure_below`` ends the search early. ``gsd_share`` and ``map_std_m`` make up a match's own sigma; ``inflation``
-    multiplies the sigma that keypoints and windows claim, because neighbours err alike."""
+    and ``pair_inflation`` multiply the sigma that windows and keypoints claim, because neighbours err alike."""
 
     sweep: SweepConfig = field(default_factory=SweepConfig)
     features: FeatureConfig = field(default_factory=FeatureConfig)
@@ -38,9 +38,10 @@ class LocateConfig:
     proposers: tuple[str, ...] = PROPOSERS
     sure_below: float = 0.005
     inflation: float = 3.0
+    pair_inflation: float = 1.0
     min_agreement: float = 0.4
     gsd_share: float = 1.0
-    map_std_m: float = 0.5
+    map_std_m: float = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +88,17 @@ def locate(
         return NotLocated(str(error))
     if float(image.std()) < 2.0:
         return NotLocated("the picture shows nothing: it is of one brightness")
+    judged = judge(image, camera, reference, ground, prior, config)
+    if not judged:
+        return NotLocated("nothing on the map resembles the picture, or the map does not reach there")
+    probability, best = min(judged, key=lambda one: one[0])
+    return _answer(probability, best, judged, ground, prior, config)
+
+
+def judge(
+    image: Image, camera: Camera, reference: ReferenceMap, ground: Ground, prior: PosePrior, config: LocateConfig
+) -> list[tuple[float, Confirmed]]:
+    """Every candidate that stood its trial, with its outlier probability."""
     trial = Trial(image, camera, reference, ground, prior, config.confirm)
     judged: list[tuple[float, Confirmed]] = []
     for proposer in _order(prior, config):
@@ -96,10 +108,7 @@ def locate(
                 judged.append((outlier_probability(confirmed.evidence, config.acceptance), confirmed))
         if judged and min(p for p, _ in judged) < config.sure_below:
             break
-    if not judged:
-        return NotLocated("nothing on the map resembles the picture, or the map does not reach there")
-    probability, best = min(judged, key=lambda one: one[0])
-    return _answer(probability, best, judged, ground, prior, config)
+    return judged
 
 
 def _order(prior: PosePrior, config: LocateConfig) -> list[str]:
@@ -141,7 +150,9 @@ def _covariance(best: Confirmed, ground: Ground, prior: PosePrior, config: Locat
     spread = prior.covariance()
     spread[5, 5] = min(spread[5, 5], prior.heading_std_rad**2)
     information = np.asarray(np.linalg.inv(spread), dtype=np.float64)
-    if best.evidence.agreement >= config.min_agreement or best.from_pairs:
+    if best.from_pairs:
+        information = information + best.information / config.pair_inflation**2
+    elif best.evidence.agreement >= config.min_agreement:
         information = information + best.information / config.inflation**2
     axis = best.pose.ned_from_camera[:, 2]
     slope = axis[:2] / max(float(axis[2]), 0.2)

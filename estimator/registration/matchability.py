@@ -95,9 +95,8 @@ def matchability(
         message = f"the map is {min(picture.shape) * step_m:.0f} m wide, a footprint {config.footprint_m:g} m"
         raise ValueError(message)
     # what lies off the map is unknown, not an obstacle: places at its rim see what is left of their surroundings
-    picture = cv2.copyMakeBorder(picture, reach, reach, reach, reach, cv2.BORDER_REPLICATE)
+    picture = np.asarray(cv2.copyMakeBorder(picture, reach, reach, reach, reach, cv2.BORDER_REPLICATE), dtype=np.uint8)
     known = cv2.copyMakeBorder(known.astype(np.uint8), reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0) > 0
-    picture = np.asarray(picture, dtype=np.uint8)
     channels, lasting = double_angle_gradients(picture), _lasting(picture)
     stride = max(1, round(side * config.step_share))
     tops = np.arange(0, picture.shape[0] - side - 2 * reach + 1, stride)
@@ -148,8 +147,8 @@ def _expected(
     log_p = config.calibration.temperature * peak**2 * np.where(usable, surface - 1.0, -np.inf)
     p = np.exp(log_p)
     spread_px = float(np.hypot(config.calibration.map_std_m / step_m, config.calibration.map_std_px))
-    p = cv2.GaussianBlur(p, (0, 0), spread_px, borderType=cv2.BORDER_CONSTANT)
-    p /= p.sum()
+    blurred = cv2.GaussianBlur(p, (0, 0), spread_px, borderType=cv2.BORDER_CONSTANT)
+    p = np.asarray(blurred / blurred.sum(), dtype=np.float64)
     mean = np.einsum("ij,ijk->k", p, offset_m)
     d = offset_m - mean
     cov = np.einsum("ij,ijk,ijl->kl", p, d, d)

@@ -63,7 +63,7 @@ def test_correlation_finds_what_keypoints_cannot() -> None:
 def test_a_picture_of_other_ground_is_refused() -> None:
     elsewhere = seen_by(TRUE_POS, TRUE_ROTATION, TexturedMap(seed=77))
 
-    found = _locate(elsewhere, replace(PRIOR, heading_rad=HEADING_RAD, heading_std_rad=0.09))
+    found = _locate(elsewhere, replace(PRIOR, heading_rad=HEADING_RAD, heading_std_rad=0.05), "correlation", "sift")
 
     assert isinstance(found, Located)
     assert not found.accepted
