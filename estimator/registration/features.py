@@ -191,7 +191,7 @@ def fit_pose(
     px = gsd_m * camera.fx_px / max(distance_m, 1.0)
     position, rotation, x_prior = start.pos_ned_m.copy(), start.ned_from_camera, np.zeros(6)
     information = np.diag(1.0 / np.diag(prior.covariance())) * (np.arange(6) >= 2) * (np.arange(6) < 5)
-    use, H = agree.copy(), information
+    use, H, noise = agree.copy(), information, 1.5 * px
     for step in range(config.iterations):
         width = px * max(1.5, 12.0 * 0.6**step)
         in_camera = (points - position) @ rotation
@@ -201,17 +201,21 @@ def fit_pose(
             return None
         J = _pixel_jacobian(in_camera[good], rotation, points[good] - position, camera)
         r = residual[good]
-        weight = 1.0 / (1.0 + (np.linalg.norm(r, axis=1) / width) ** 2) / (1.5 * px) ** 2
+        miss = np.linalg.norm(r, axis=1)
+        if step >= config.iterations - 4:
+            # by now the residuals tell the noise; a constant would leave the tilt to the prior
+            noise = float(np.clip(np.median(miss), 0.25 * px, noise))
+        weight = 1.0 / (1.0 + (miss / width) ** 2) / noise**2
         H = np.einsum("nij,n,nik->jk", J, weight, J) + information
         dx = np.linalg.solve(H + np.eye(6) * 1e-9, np.einsum("nij,n,ni->j", J, weight, r) - information @ x_prior)
         position = position + dx[:3]
         rotation = matrix_from_q(q_from_rotvec(dx[3:])) @ rotation
         x_prior = x_prior + dx
         if step >= 4:
-            miss = pairs.uv_px - camera.project((points - position) @ rotation)
-            use = np.linalg.norm(np.nan_to_num(miss, nan=1e6), axis=1) < 3.0 * max(width, 1.5 * px)
-    miss = pairs.uv_px - camera.project((points - position) @ rotation)
-    inlier = np.linalg.norm(np.nan_to_num(miss, nan=1e6), axis=1) < config.tolerance_px * px
+            left = pairs.uv_px - camera.project((points - position) @ rotation)
+            use = np.linalg.norm(np.nan_to_num(left, nan=1e6), axis=1) < 3.0 * max(width, 1.5 * px)
+    left = pairs.uv_px - camera.project((points - position) @ rotation)
+    inlier = np.linalg.norm(np.nan_to_num(left, nan=1e6), axis=1) < config.tolerance_px * px
     count = int(_distinct(inlier[None], pairs.map_ne_m, gsd_m)[0])
     return (CameraPose(position, rotation), count, H - information) if count >= config.min_inliers else None
 
