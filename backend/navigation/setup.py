@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,9 @@ from geodata.imagery import NeBounds, ReferenceImagery
 MAX_REFERENCE_PIXELS = 64_000_000
 REACH_M = 6_000.0  # how far from the local frame's origin a large map is read
 FLAT_GROUND_STD_M = 10.0
+FLAT_GROUND_LENGTH_M = 400.0  # land that is taken for flat rolls over such distances
 TERRAIN_STD_M = 2.0
+POSTING_SHARE = 0.1  # of an elevation model's posting is its own error: 3 m at 30 m
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,8 +51,10 @@ class Place:
 class NavigationSetup:
     """Everything a Navigator is built from, shared with whoever turns its states into coordinates.
 
-    ``has_camera`` is False when the camera is a stand-in: then no picture may be offered. ``time_offset_s`` is what was
-    added to the times of pictures without stamps; where it is None the Navigator finds it.
+    ``has_camera`` is False when the camera is a stand-in: then no picture may be offered. ``ground_std_m`` is what a
+    single point of the ground may be off; ``ground_bias_std_m`` over ``ground_bias_length_m`` what the filter is to
+    learn of it, None what it assumes. ``time_offset_s`` is what was added to the times of pictures without stamps;
+    where it is None the Navigator finds it.
     """
 
     camera: Camera
@@ -63,10 +67,22 @@ class NavigationSetup:
     ground_std_m: float
     map_id: str | None
     time_offset_s: float | None = 0.0
+    ground_bias_std_m: float | None = None
+    ground_bias_length_m: float | None = None
 
-    def navigator(self) -> Navigator:
-        """A fresh Navigator."""
-        config = NavigatorConfig(find_video_offset=self.has_camera and self.time_offset_s is None)
+    def navigator(self, config: NavigatorConfig | None = None) -> Navigator:
+        """A fresh Navigator, by a configuration of its own or the one that suits."""
+        if config is None:
+            config = NavigatorConfig(find_video_offset=self.has_camera and self.time_offset_s is None)
+        noise = config.noise
+        std_m = max(noise.ground_bias_std_m[1], self.ground_bias_std_m or 0.0)
+        length_m = self.ground_bias_length_m or noise.ground_bias_length_m[1]
+        noise = replace(
+            noise,
+            ground_bias_std_m=(noise.ground_bias_std_m[0], std_m),
+            ground_bias_length_m=(noise.ground_bias_length_m[0], length_m),
+        )
+        config = replace(config, noise=noise)
         return Navigator(config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground)
 
 
@@ -143,11 +159,15 @@ def build_setup(
     if maps.reference is not None:
         reference = _reference(maps.reference, frame, profile.map.offset_ne_m if profile else (0.0, 0.0))
     ground: GroundModel
+    bias_length_m: float | None
     if maps.elevation is not None:
-        ground, ground_std_m = ElevationGrid.open(maps.elevation, frame), TERRAIN_STD_M
+        terrain = ElevationGrid.open(maps.elevation, frame)
+        ground, ground_std_m = terrain, TERRAIN_STD_M
+        bias_std_m, bias_length_m = min(POSTING_SHARE * terrain.gsd_m, FLAT_GROUND_STD_M), None
     else:
         known = profile.map.ground_alt_amsl_m if profile else None
         ground, ground_std_m = FlatGround(here.alt_amsl_m if known is None else known), FLAT_GROUND_STD_M
+        bias_std_m, bias_length_m = FLAT_GROUND_STD_M, FLAT_GROUND_LENGTH_M
     if profile is not None:
         camera, mount, gimbal = camera_of(profile.camera), mount_of(profile.camera), profile.camera.gimbal
     else:
@@ -165,6 +185,8 @@ def build_setup(
         ground_std_m,
         maps.map_id,
         time_offset_s,
+        bias_std_m,
+        bias_length_m,
     )
 
 

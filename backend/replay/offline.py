@@ -237,8 +237,7 @@ class _Run:
 
 def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:
     """A Navigator of the setup with a configuration of its own; history long enough for a whole flight."""
-    config = replace(config, history_s=1e6)
-    return Navigator(config, setup.camera, setup.mount, setup.gimbal, setup.frame, setup.reference, setup.ground)
+    return setup.navigator(replace(config, history_s=1e6))
 
 
 def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) -> Evaluation | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from numpy.testing import assert_allclose
 
 from backend.errors import StartError
@@ -82,3 +83,30 @@ def test_the_videos_clock_is_searched_where_nobody_said_its_offset(
     setup = build_setup(profile, NO_MAP, HERE, time_offset_s=offset_s)
 
     assert (setup.navigator().video_clock is not None) is searches
+
+
+def _coarse_elevation(path: Path, posting_m: float) -> Path:
+    heights = np.full((40, 40), 400.0, dtype=np.float32)
+    degrees = posting_m / 111_320.0
+    transform = rasterio.transform.from_origin(8.0 - 20 * degrees, 47.0 + 20 * degrees, degrees, degrees)
+    profile = {"driver": "GTiff", "width": 40, "height": 40, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    with rasterio.open(path, "w", transform=transform, **profile) as target:
+        target.write(heights, 1)
+    return path
+
+
+def test_the_filter_learns_as_much_of_the_ground_as_its_model_leaves_open(tmp_path: Path) -> None:
+    """Ground taken for flat may roll by tens of metres; an elevation model of 30 m posting errs by metres."""
+    fine = MapFiles(None, None, _coarse_elevation(tmp_path / "fine.tif", 2.0), None)
+    coarse = MapFiles(None, None, _coarse_elevation(tmp_path / "coarse.tif", 30.0), None)
+    flat, by_fine, by_coarse = (
+        build_setup(None, maps, HERE).navigator().config.noise for maps in (NO_MAP, fine, coarse)
+    )
+
+    assert flat.ground_bias_std_m[1] >= 10.0
+    assert flat.ground_bias_length_m[1] <= 500.0
+    assert by_fine.ground_bias_std_m[1] < 1.0
+    assert 2.0 < by_coarse.ground_bias_std_m[1] < 4.0
+    assert by_fine.ground_bias_length_m[1] > 1000.0
+    # what stands on the ground is as high everywhere
+    assert flat.ground_bias_std_m[0] == by_fine.ground_bias_std_m[0]
