@@ -11,6 +11,7 @@ import numpy as np
 
 from backend.clock import unix_us
 from backend.errors import FrameGoneError, StartError
+from backend.event_loop import call_from_thread
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.viewers import Audience
 from backend.metrics import Metrics
@@ -129,7 +130,7 @@ class LiveCamera:
 
     def _take_encoded(self, frame: EncodedFrame) -> None:
         self._recorder.frame(frame)
-        self._from_thread(self._show, frame)
+        call_from_thread(self._loop, self._show, frame)
 
     def _show(self, frame: EncodedFrame) -> None:
         self._frames.inc()
@@ -137,7 +138,7 @@ class LiveCamera:
         self._channel.jpeg_wanted = self.jpeg_audience.size > 0
 
     def _take_jpeg(self, frame: EncodedFrame) -> None:
-        self._from_thread(self.jpeg_audience.show, frame)
+        call_from_thread(self._loop, self.jpeg_audience.show, frame)
 
     def _take_decoded(self, frame: DecodedFrame) -> None:
         self._metrics.stage.labels("exposure_to_decoded").observe(max(unix_us() - frame.t_us, 0) / 1e6)
@@ -157,10 +158,6 @@ class LiveCamera:
             return False
         self._newest = frame.epoch, frame.t_us
         return True
-
-    def _from_thread(self, call: Callable[[EncodedFrame], None], frame: EncodedFrame) -> None:
-        if not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(call, frame)
 
 
 def fitted(image: Image, camera: CameraMeta) -> tuple[Image | None, str | None]:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
+from backend.event_loop import call_from_thread
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import state_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
@@ -148,8 +149,8 @@ class LiveVehicle:
         loop = asyncio.get_running_loop()
         worker = NavigationWorker(
             self.id, setup.navigator, delay_us=self._delay_us,
-            on_state=lambda update: _from_thread(loop, self._take_state, update),
-            on_reports=lambda reports: _from_thread(loop, self._take_reports, reports),
+            on_state=lambda update: call_from_thread(loop, self._take_state, update),
+            on_reports=lambda reports: call_from_thread(loop, self._take_reports, reports),
             gps_denied=self._gps_denied, first_epoch=self._epoch + 1,
         )  # fmt: skip
         self.worker = worker
@@ -282,9 +283,3 @@ def gps_reading(event: TelemetryGps) -> GpsReading:
 def place_of_gnss(sample: GnssSample, relative_alt_m: float | None) -> Place:
     """Where a fix lies, with the ground's height guessed from the height above home."""
     return Place(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m - (relative_alt_m or 0.0))
-
-
-def _from_thread(loop: asyncio.AbstractEventLoop, call: Callable[[Any], None], value: object) -> None:
-    # At the very end the loop may be closed while the thread still hands out its last state.
-    if not loop.is_closed():
-        loop.call_soon_threadsafe(call, value)

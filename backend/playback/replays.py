@@ -12,6 +12,7 @@ from pathlib import Path
 import structlog
 
 from backend.errors import ConflictError, UnknownReplayError
+from backend.event_loop import call_from_thread
 from backend.flights import FlightEntry, FlightShelf
 from backend.hub import Hub
 from backend.playback.estimate import EstimateTable
@@ -57,7 +58,7 @@ class Replays:
             body = {"vehicle_id": f"replay-{flight_id}", "flight_id": flight_id}
 
             def progress(done: float) -> None:
-                loop.call_soon_threadsafe(lambda: self._hub.publish("replay_preparing", **body, progress=done))
+                call_from_thread(loop, lambda done: self._hub.publish("replay_preparing", **body, progress=done), done)
 
             recording = await asyncio.to_thread(read_recording, entry.path, progress)
             playback = Playback(flight_id, recording, self._hub, speed, start_s)
