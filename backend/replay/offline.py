@@ -240,8 +240,22 @@ def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> N
     return setup.navigator(replace(config, history_s=1e6))
 
 
-def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) -> Evaluation | None:
-    """Errors of states inside the denied intervals, or of all where nothing was denied; None without truth."""
+@dataclass(frozen=True, slots=True, eq=False)
+class TruthErrors:
+    """States against truth at times (n,): error NED (n, 3), covariance north/east (n, 2, 2), true position (n, 3).
+
+    Positions are in the local frame of the first truth; ``spans_us`` are the times that count.
+    """
+
+    t_us: Float
+    error_ned_m: Float
+    cov_ne_m2: Float
+    true_ned_m: Float
+    spans_us: list[tuple[int, int]]
+
+
+def errors_against_truth(folder: FlightFolder, states: list[NavigationState]) -> TruthErrors | None:
+    """Errors of the states, to count inside the denied intervals or else everywhere; None without truth."""
     truth = folder.truth()
     if truth is None or len(truth.t_unix_us) < 2:
         return None
@@ -256,7 +270,15 @@ def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) 
     cov = np.array([s.cov_pos_ned_m2[:2, :2] for s in inside])
     spans = [(max(a, int(truth.t_unix_us[0])), min(b, int(truth.t_unix_us[-1]))) for a, b in folder.meta.gps_denied]
     spans = [span for span in spans if span[0] < span[1]]
-    return evaluate(t_us, here - at, cov, spans or [(int(t_us[0]), int(t_us[-1]))])
+    return TruthErrors(t_us, here - at, cov, at, spans or [(int(t_us[0]), int(t_us[-1]))])
+
+
+def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) -> Evaluation | None:
+    """Errors of states inside the denied intervals, or of all where nothing was denied; None without truth."""
+    errors = errors_against_truth(folder, states)
+    if errors is None:
+        return None
+    return evaluate(errors.t_us, errors.error_ned_m, errors.cov_ne_m2, errors.spans_us)
 
 
 _GEODETIC = ("lat_rad", "lon_rad", "alt_amsl_m")

@@ -1,0 +1,69 @@
+"""What a study is: rows that differ in one thing each, flown and estimated over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from estimator.navigator import NavigatorConfig
+from simulator.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class FlownRow:
+    """A row that flies: a simulated scenario, and the estimator's configuration that replays it.
+
+    ``change`` says in words what differs from the row before.
+    """
+
+    name: str
+    change: str
+    scenario: Scenario
+    config: NavigatorConfig
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedRow:
+    """A row that needs no pictures: ``compute`` maps a seed to figures by name."""
+
+    name: str
+    change: str
+    compute: Callable[[int], dict[str, float]]
+
+
+Row = FlownRow | ComputedRow
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A figure of the table: how it is read from pooled figures, and how it is written."""
+
+    title: str
+    figure: str
+    digits: int = 2
+    percent: bool = False
+
+    def cell(self, figures: dict[str, Any]) -> str:
+        """The figure as text; a dash where it was not measured."""
+        value = figures.get(self.figure)
+        if value is None:
+            return "–"
+        return f"{100.0 * value:.{self.digits}f} %" if self.percent else f"{value:.{self.digits}f}"
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """A named study: its rows, the figures of its table, the one that is plotted.
+
+    ``segments_m`` are the lengths over which the drift is taken, empty where it is not.
+    """
+
+    name: str
+    title: str
+    about: str
+    rows: tuple[Row, ...]
+    columns: tuple[Column, ...]
+    plotted: str
+    plot_label: str
+    segments_m: tuple[float, ...] = field(default=())
