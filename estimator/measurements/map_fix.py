@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
@@ -28,6 +29,17 @@ MIN_CONTRAST = 1.2  # of a likelihood of mean one; that of a picture of noise re
 UNKNOWN_COV = np.full((2, 2), np.nan)
 
 
+class HandOver(StrEnum):
+    """What the inertial filter is given of a density.
+
+    ``increment`` is what the picture added. ``density`` is the density's mean with a constant sigma, and the density
+    lives on (Conte 2009, section 5.8.4): for comparison.
+    """
+
+    INCREMENT = "increment"
+    DENSITY = "density"
+
+
 @dataclass(frozen=True, slots=True)
 class MapFixConfig:
     """Search and acceptance of map fixes.
@@ -38,6 +50,10 @@ class MapFixConfig:
     sigma (neighbours err alike), ``density_inflation`` that of the density; of the variance ``white_share`` is each
     picture's own and the rest the map's, between ``min_map_bias_m`` and ``max_map_bias_m``. Windows count where
     ``min_agreement`` of them agree. ADR 0008 says how the numbers were found.
+
+    Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
+    horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
+    predicted heading and height only; ``use_windows`` off leaves the density.
     """
 
     search_sigmas: float = 3.5
@@ -60,6 +76,12 @@ class MapFixConfig:
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
+    hand_over: HandOver = HandOver.INCREMENT
+    constant_std_m: float = 2.0
+    couple_attitude: bool = True
+    temper: bool = True
+    search_pose: bool = True
+    use_windows: bool = True
 
 
 class MapFixer:
@@ -97,6 +119,8 @@ class MapFixer:
             self.rejected_in_row += 1
             return self._report(frame, started, "ground height unknown" if unknown else "too close to the ground")
         T = terrain_fix.apparent_pose_jacobian(eskf, camera)
+        if not self.config.couple_attitude:
+            T[2:] = 0.0
         aim = pose.pos_ned_m + axis * (height_m / max(axis[2], 0.2))
         H = terrain_fix.centre_by_pose(aim, pose.pos_ned_m) @ T
         radius_m = self._search_radius_m(H @ eskf.P @ H.T)
@@ -116,6 +140,8 @@ class MapFixer:
         return float(np.clip(config.search_sigmas * std + config.min_search_m, 0.0, config.max_search_m))
 
     def _hypotheses(self, eskf: ErrorStateFilter, camera: CameraAttitude, height_m: float) -> tuple[Float, Float]:
+        if not self.config.search_pose:
+            return np.zeros(1), np.zeros(1)
         H = eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
         heading_std = float(np.sqrt(H @ eskf.P @ H.T)[0, 0])
         matcher = self._registrar.config
@@ -152,10 +178,13 @@ class MapFixer:
         measured_ne = predicted_ne + match.displacement_ne_m
         reason = self._refusal(match, density)
         if reason is None:
-            refinement = self._registrar.refine(match, density.mode_ne_m() - predicted_ne, T @ eskf.P @ T.T)
+            refinement = None
+            if self.config.use_windows:
+                refinement = self._registrar.refine(match, density.mode_ne_m() - predicted_ne, T @ eskf.P @ T.T)
             reason = self._update(match, refinement, eskf, camera, pose, T, weight, prior, posterior)
         if reason is None:
-            self._density = None  # the inertial filter now holds all that the density does
+            if self.config.hand_over is HandOver.INCREMENT:
+                self._density = None  # the inertial filter now holds all that the density does
             self._last_accepted_ne_m = predicted_ne
             self.rejected_in_row = 0
         else:
@@ -190,6 +219,8 @@ class MapFixer:
         self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, pose: CameraPose, T: Float, weight: float,
         prior: Moments, posterior: Moments,
     ) -> str | None:  # fmt: skip
+        if self.config.hand_over is HandOver.DENSITY:
+            return self._update_by_mean(match, eskf, pose, T, posterior)
         increment = information_increment(prior, posterior)
         if increment is None:
             return "the picture says nothing of the position"
@@ -203,6 +234,16 @@ class MapFixer:
             return "does not agree with the estimate"
         self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
         return None
+
+    def _update_by_mean(
+        self, match: Match, eskf: ErrorStateFilter, pose: CameraPose, T: Float, posterior: Moments
+    ) -> str | None:
+        """The density's mean as a position of constant sigma, whatever its spread."""
+        H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
+        z = posterior.mean_ne_m - eskf.nominal.motion.pos_ned_m[:2]
+        innovation = Innovation(z, H, np.eye(2) * self.config.constant_std_m**2)
+        fits = _apply(eskf, innovation, self.config.max_innovation_sigmas)
+        return None if fits else "does not agree with the estimate"
 
     def _noise(self, eskf: ErrorStateFilter, cov_ne_m2: Float, weight: float) -> Float:
         """Covariance (2, 2) of a fix beside the map's displacement.
@@ -240,7 +281,7 @@ class MapFixer:
 
     def _weight(self, predicted_ne_m: Float, last_ne_m: Float, alike_m: float) -> float:
         """Share that a fix counts, given how near the last one was: w = (1 - r) / (1 + r), r = exp(-d / L)."""
-        if not np.isfinite(last_ne_m).all():
+        if not self.config.temper or not np.isfinite(last_ne_m).all():
             return 1.0
         distance = float(np.hypot(*(predicted_ne_m - last_ne_m)))
         correlation = np.exp(-distance / max(alike_m, 1.0))

@@ -15,9 +15,13 @@ from estimator.ports import Correlation, GroundModel, ReferenceMap
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration, log_matched
+from estimator.registration.mind import self_similarity
 from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
 from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
 from estimator.types import Float, Image
+
+COMPARED: dict[str, Callable[[Image], Channels]] = {**CHANNELS, "mind": self_similarity}
+"""The channel functions a matcher can be configured with."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,14 +117,14 @@ class Registrar:
         config: MatcherConfig | None = None,
     ) -> None:  # fmt: skip
         self.config = config or MatcherConfig()
-        if self.config.channels not in CHANNELS:
-            message = f"unknown channels {self.config.channels!r}; known: {', '.join(CHANNELS)}"
+        if self.config.channels not in COMPARED:
+            message = f"unknown channels {self.config.channels!r}; known: {', '.join(COMPARED)}"
             raise ValueError(message)
         self._camera = camera
         self._reference = reference
         self._ground = ground
         self._origin_alt_amsl_m = origin_alt_amsl_m
-        self._channels: Callable[[Image], Channels] = CHANNELS[self.config.channels]
+        self._channels = COMPARED[self.config.channels]
 
     def register(
         self, image: Image, pose: CameraPose, search_radius_m: float, headings_rad: Float, scales: Float

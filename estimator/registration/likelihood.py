@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import cv2
 import numpy as np
@@ -11,6 +12,16 @@ from numpy.typing import NDArray
 from estimator.ports import Correlation
 from estimator.registration.verify import Peak
 from estimator.types import Float
+
+
+class LikelihoodForm(StrEnum):
+    """``matched`` is calibrated by the surface's own clutter; ``similarity`` takes the correlation itself as a density.
+
+    The second is Conte 2009, section 5.8.4, with what is below zero left out, for comparison.
+    """
+
+    MATCHED = "matched"
+    SIMILARITY = "similarity"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +38,7 @@ class LikelihoodCalibration:
     map_std_m: float = 0.4
     map_std_px: float = 0.8
     floor: float = 0.02
+    form: LikelihoodForm = LikelihoodForm.MATCHED
 
 
 def log_matched(similarity: NDArray[np.floating], peak: Peak, temperature: float) -> Float:
@@ -62,7 +74,8 @@ def likelihood(
 
     Notes
     -----
-    p = (1 - e) normalised exp(t z0 z), convolved with the map's error, + e / area.
+    p = (1 - e) normalised exp(t z0 z), convolved with the map's error, + e / area; in the form ``similarity`` it is
+    max(z, 0), normalised.
     """
     ratio = correlation.step_m / step_m
     rows, cols = correlation.surface.shape
@@ -71,6 +84,9 @@ def likelihood(
     row_at = (np.arange(shape[0], dtype=np.float32) / np.float32(ratio))[:, None].repeat(shape[1], axis=1)
     col_at = (np.arange(shape[1], dtype=np.float32) / np.float32(ratio))[None].repeat(shape[0], axis=0)
     fine = cv2.remap(surface, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    if calibration.form is LikelihoodForm.SIMILARITY:
+        similar: Float = np.maximum(np.asarray(fine, dtype=np.float64), 1e-6)
+        return similar / similar.mean(), correlation.north_max_m, correlation.east_min_m
     log_p = log_matched(np.asarray(fine, dtype=np.float32), peak, calibration.temperature)
     p = np.exp(weight * (log_p - log_p.max()))
     spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))

@@ -7,7 +7,7 @@ from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q
 from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
-from estimator.measurements.map_fix import MapFixConfig, MapFixer
+from estimator.measurements.map_fix import HandOver, MapFixConfig, MapFixer
 from estimator.registration.alignment import Registrar
 from estimator.types import FixReport, FrameSample
 from tests.estimator.registration.textured_map import (
@@ -32,7 +32,7 @@ STD = {
 }  # fmt: skip
 
 
-def _fixer(scene: PaintedMap = MAP, **changes: float) -> MapFixer:
+def _fixer(scene: PaintedMap = MAP, **changes: object) -> MapFixer:
     registrar = Registrar(CAMERA, scene, FlatGround(), ORIGIN_ALT_M)
     return MapFixer(registrar, MapFixConfig(**changes), clock_s=lambda: 0.0)
 
@@ -287,3 +287,51 @@ def test_tilted_camera_is_fixed_at_the_ground_it_sees() -> None:
     assert _horizontal_m(eskf) < 2.0
     left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
     assert left @ np.linalg.solve(eskf.cov("position")[:2, :2], left) < 9.2
+
+
+def test_uncoupled_fix_leaves_attitude_and_height_alone() -> None:
+    """H = [I 0 0]: nothing but what is correlated with the horizontal position moves, and here nothing is."""
+    coupled, uncoupled = _filter(np.zeros(6)), _filter(np.zeros(6))
+    before = uncoupled.cov("attitude")
+    changes = {"use_windows": False, "search_pose": False, "hand_over": HandOver.DENSITY}
+
+    assert _attempt(_fixer(**changes), coupled, _picture(np.random.default_rng(5))).accepted
+    assert _attempt(_fixer(**changes, couple_attitude=False), uncoupled, _picture(np.random.default_rng(5))).accepted
+
+    assert_allclose(uncoupled.cov("attitude"), before)
+    assert_allclose(uncoupled.cov("position")[2, 2], STD["position"][2] ** 2)
+    assert np.abs(uncoupled.cov("position", "attitude")).max() < 1e-12
+    # the lever arm of 110 m ties tilt to position
+    assert np.abs(coupled.cov("position", "attitude")).max() > 1e-3
+
+
+def test_density_handed_over_has_the_constant_sigma_and_lives_on() -> None:
+    eskf = _filter(np.array([3.0, -4.0, 0.0, 0.0, 0.0, 0.0]))
+    fixer = _fixer(
+        hand_over=HandOver.DENSITY, couple_attitude=False, use_windows=False, search_pose=False, temper=False
+    )
+    prior = np.diag(eskf.cov("position"))[0] + np.diag(eskf.cov("map_bias"))[0]
+
+    first = _attempt(fixer, eskf, _picture(np.random.default_rng(1)), 0.0)
+    gain = STD["position"][0] ** 2 / (prior + 2.0**2)
+    assert_allclose(eskf.cov("position")[0, 0], STD["position"][0] ** 2 * (1.0 - gain), rtol=1e-6)
+    second = _attempt(fixer, eskf, _picture(np.random.default_rng(2)), 0.4)
+
+    assert first.accepted
+    assert second.accepted
+    # a density that began anew would be as wide as the first
+    assert np.linalg.det(second.cov_ne_m2) < np.linalg.det(first.cov_ne_m2)
+    assert _horizontal_m(eskf) < 2.0
+
+
+def test_without_tempering_a_hover_counts_every_picture_in_full() -> None:
+    picture = _picture(np.random.default_rng(8))
+    # sure of tilt and map, and no displacement of the map to put errors to: what the pictures add is what is left
+    sure = {**STD, "attitude": (1e-4, 1e-4, 1e-4), "map_bias": 0.01}
+    kept, tempered = (_filter(np.zeros(6), std=sure) for _ in range(2))
+    for eskf, temper in ((kept, False), (tempered, True)):
+        fixer = _fixer(temper=temper, use_windows=False, max_map_bias_m=0.05)
+        for k in range(5):
+            assert _attempt(fixer, eskf, picture, 0.4 * k).accepted
+
+    assert _std_m(kept)[-1] < 0.8 * _std_m(tempered)[-1]

@@ -3,7 +3,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from estimator.geometry.rotation import matrix_from_euler, matrix_from_q, q_from_rotvec
-from estimator.registration.alignment import CameraPose, Match, MatcherConfig, NoMatch, Registrar
+from estimator.registration.alignment import COMPARED, CameraPose, Match, MatcherConfig, NoMatch, Registrar
 from tests.estimator.registration.textured_map import (
     CAMERA,
     MAP,
@@ -169,3 +169,27 @@ def test_what_cannot_be_registered_says_why(pose: CameraPose, reason: str) -> No
 def test_unknown_channels_are_refused_with_the_known_ones() -> None:
     with pytest.raises(ValueError, match="double_angle"):
         _registrar(channels="colour")
+
+
+@pytest.mark.parametrize("channels", sorted(COMPARED))
+@pytest.mark.parametrize("reversed_contrast", [False, True])
+def test_every_measure_finds_a_known_displacement(channels: str, reversed_contrast: bool) -> None:
+    """All but grey values find it in the negative as well, where what was bright is dark."""
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
+    shown = 255 - picture if reversed_contrast else picture
+    predicted = CameraPose(TRUE_POS + np.array([7.0, -9.0, 0.0]), NADIR_TOP_NORTH)
+
+    match = _registrar(channels=channels).register(shown, predicted, 20.0, NO_SCALES, NO_SCALES)
+
+    assert isinstance(match, Match)
+    missed_m = float(np.hypot(*(match.displacement_ne_m - np.array([-7.0, 9.0]))))
+    if channels == "intensity" and reversed_contrast:
+        assert missed_m > 3.0
+    else:
+        # half a pixel of the map; edges have no slope between their pixels
+        assert missed_m < 0.7
+
+
+def test_a_measure_that_is_not_there_is_named_with_those_that_are() -> None:
+    with pytest.raises(ValueError, match="edge_overlap"):
+        _registrar(channels="sift")

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.registration.channels import CHANNELS, double_angle_gradients, intensity
+from estimator.registration.channels import CHANNELS, EDGE_SHARE, double_angle_gradients, edge_overlap, intensity
 
 
 def _blocks(seed: int = 1) -> np.ndarray:
@@ -60,3 +60,33 @@ def test_channels_keep_the_pictures_shape(name: str) -> None:
 
     assert channels.shape[1:] == (96, 128)
     assert channels.dtype == np.float32
+
+
+def test_edges_are_the_strongest_share_and_the_same_whatever_the_contrast() -> None:
+    image = cv2.GaussianBlur(_blocks(), (0, 0), 1.0)
+    edges = edge_overlap(image)
+
+    assert set(np.unique(edges)) == {0.0, 1.0}
+    assert EDGE_SHARE <= edges.mean() < EDGE_SHARE + 0.03
+    assert (edges != edge_overlap(255 - image)).mean() < 0.002
+
+
+def test_edges_lie_where_cannys_do() -> None:
+    """Outside truth: OpenCV's Canny on a disc finds the same circle, to a pixel of Sobel's width."""
+    disc = cv2.circle(np.full((120, 120), 60, np.uint8), (60, 60), 40, 190, -1)
+    near_canny = cv2.dilate(cv2.Canny(disc, 100, 200), np.ones((5, 5), np.uint8)) > 0
+    edges = edge_overlap(disc)[0] > 0
+
+    assert edges.sum() > 300
+    assert near_canny[edges].all()
+
+
+def test_small_things_leave_no_edge() -> None:
+    """A speck that the median removes: edges only where the large step is."""
+    image = np.full((80, 80), 60, np.uint8)
+    image[:, 40:] = 180
+    clean = edge_overlap(image)
+    image[20:22, 20:22] = 255
+
+    assert_allclose(edge_overlap(image), clean)
+    assert edge_overlap(np.full((40, 40), 90, np.uint8)).sum() == 0.0

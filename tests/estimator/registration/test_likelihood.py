@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from estimator.ports import Correlation
-from estimator.registration.likelihood import LikelihoodCalibration, likelihood, log_matched
+from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm, likelihood, log_matched
 from estimator.registration.verify import Peak, find_peak
 
 CALIBRATION = LikelihoodCalibration(temperature=0.5, map_std_m=0.5, map_std_px=0.0, floor=0.01)
@@ -217,3 +217,18 @@ def test_featureless_surface_gives_a_flat_likelihood() -> None:
 
     # away from the rim, where the blur reaches past the surface
     assert_allclose(values[6:-6, 6:-6], 1.0, atol=0.05)
+
+
+def test_similarity_taken_as_a_density_is_itself() -> None:
+    """The 2009 form: proportional to the correlation where that is positive, nothing where it is not."""
+    calibration = LikelihoodCalibration(form=LikelihoodForm.SIMILARITY)
+    correlation = _correlation((3.0, -2.0), 4.0)
+    below = replace(correlation, surface=correlation.surface - np.float32(0.2))
+
+    values, north_max, east_min = likelihood(below, _peak(), calibration, 0.9, 1.0)
+
+    assert (north_max, east_min) == (20.0, -20.0)
+    assert values.mean() == pytest.approx(1.0)
+    ratio = values[17, 18] / values[17, 20]
+    assert ratio == pytest.approx(float(below.surface[17, 18] / below.surface[17, 20]), rel=1e-4)
+    assert values[0, 0] < 1e-4
