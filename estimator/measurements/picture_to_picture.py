@@ -14,7 +14,7 @@ from estimator.history import rotation_between
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.visual_odometry import SurfaceConfig, bare_ground, displacement
-from estimator.odometry.planar import displacement_residual
+from estimator.odometry.odometers import odometer
 from estimator.odometry.tracker import CornerTracker, TrackerConfig
 from estimator.types import Float, Image
 
@@ -25,8 +25,10 @@ class OdometryConfig:
 
     ``interval_s`` thins out fast video; ``turn_relative_std`` is what clocks and scale factors leave of a turn between
     two pictures, as a share of its angle; ``frozen_difference`` is the mean grey change below which nothing moved.
+    ``method`` names one of ``odometers.ODOMETERS``.
     """
 
+    method: str = "rays"
     tracker: TrackerConfig = field(default_factory=TrackerConfig)
     interval_s: float = 0.25
     max_gap_s: float = 2.5
@@ -53,6 +55,7 @@ class VisualOdometry:
         self.took_picture = False
         self.frozen = False
         self._camera = camera
+        self._odometer = odometer(config.method)
         self._tracker = CornerTracker(camera, config.tracker)
         self._t_us: int | None = None
         self._thumbnail: Image | None = None
@@ -84,7 +87,7 @@ class VisualOdometry:
             return None
         both = self._camera.rays(np.concatenate((tracks.previous_uv_px, tracks.present_uv_px)))
         count = len(tracks.previous_uv_px)
-        residual = displacement_residual(
+        residual = self._odometer(
             both[:count] @ ned_from_first.T, both[count:] @ camera.ned_from_camera.T, clone.pos_ned_m,
             camera_pos_ned_m, down_at, self.config.pixel_std_px / self._camera.fx_px, self.config.relative_std,
         )  # fmt: skip

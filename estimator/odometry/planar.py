@@ -45,6 +45,24 @@ class DisplacementResidual:
     relief_m: float
 
 
+def residual_of_points(
+    mean_ne_m: Float, cov_m2: Float, slope_first: Float, slope_second: Float, height_first_m: Float,
+    height_second_m: Float, offered: int, used: int | None = None, relief_m: float = float("inf"),
+) -> DisplacementResidual:  # fmt: skip
+    """A residual (2,) with its linear model at ground points, by their slopes (n, 2) and depths (n,) in both cameras.
+
+    ``offered`` tracks there were, and ``used`` of them (the number of points unless said) agree.
+    """
+    by_first = ground_point_by_pose(slope_first, height_first_m).mean(axis=0)
+    by_second = -ground_point_by_pose(slope_second, height_second_m).mean(axis=0)
+    count = len(slope_first) if used is None else used
+    return DisplacementResidual(
+        mean_ne_m, by_first[:, :3], by_second[:, :3], by_first[:, 3:], by_second[:, 3:],
+        (slope_first - slope_second).mean(axis=0)[:, None],
+        cov_m2, count, count / offered, relief_m,
+    )  # fmt: skip
+
+
 def displacement_residual(
     rays_first: Float, rays_second: Float, pos_first_ned_m: Float, pos_second_ned_m: Float,
     down_at: Callable[[Float, Float], Float], pixel_std_rad: float, relative_std: float,
@@ -100,13 +118,10 @@ def displacement_residual(
     # The derivatives are taken where the second rays are predicted, not where they were measured: a noise that stands
     # in both residual and Jacobian would drag height and ground, a little with every picture, to one side.
     expected = (point_first - pos_second_ned_m[:2]) / height_second[:, None]
-    by_first = ground_point_by_pose(slope_first[inlier], height_first[inlier]).mean(axis=0)
-    by_second = -ground_point_by_pose(expected[inlier], height_second[inlier]).mean(axis=0)
-    return DisplacementResidual(
-        mean, by_first[:, :3], by_second[:, :3], by_first[:, 3:], by_second[:, 3:],
-        (slope_first[inlier] - expected[inlier]).mean(axis=0)[:, None],
-        cov, count, count / len(residuals),
-        _relief_m(residuals, pos_second_ned_m - pos_first_ned_m, float(np.median(height_second))),
+    relief_m = _relief_m(residuals, pos_second_ned_m - pos_first_ned_m, float(np.median(height_second)))
+    return residual_of_points(
+        mean, cov, slope_first[inlier], expected[inlier], height_first[inlier], height_second[inlier],
+        len(residuals), relief_m=relief_m,
     )  # fmt: skip
 
 
