@@ -23,6 +23,7 @@ from backend.replay.targets import locate_clicks, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
+from estimator.geometry.rotation import euler_from_q, wrap_pi
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, Image, NavigationState, Sample
 from geodata.flight import FlightFolder
@@ -244,13 +245,15 @@ def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> N
 class TruthErrors:
     """States against truth at times (n,): error NED (n, 3), covariance north/east (n, 2, 2), true position (n, 3).
 
-    Positions are in the local frame of the first truth; ``spans_us`` are the times that count.
+    Positions are in the local frame of the first truth. ``heading_error_rad`` (n,) is within half a turn, NaN where the
+    truth has no heading; ``spans_us`` are the times that count.
     """
 
     t_us: Float
     error_ned_m: Float
     cov_ne_m2: Float
     true_ned_m: Float
+    heading_error_rad: Float
     spans_us: list[tuple[int, int]]
 
 
@@ -270,7 +273,9 @@ def errors_against_truth(folder: FlightFolder, states: list[NavigationState]) ->
     cov = np.array([s.cov_pos_ned_m2[:2, :2] for s in inside])
     spans = [(max(a, int(truth.t_unix_us[0])), min(b, int(truth.t_unix_us[-1]))) for a, b in folder.meta.gps_denied]
     spans = [span for span in spans if span[0] < span[1]]
-    return TruthErrors(t_us, here - at, cov, at, spans or [(int(t_us[0]), int(t_us[-1]))])
+    yaw = np.interp(t_us, truth.t_unix_us, np.unwrap(truth.yaw_rad))
+    turned: Float = wrap_pi(np.array([euler_from_q(s.q_ned_from_body)[2] for s in inside]) - yaw)
+    return TruthErrors(t_us, here - at, cov, at, turned, spans or [(int(t_us[0]), int(t_us[-1]))])
 
 
 def evaluate_against_truth(folder: FlightFolder, states: list[NavigationState]) -> Evaluation | None:

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
 
 from benchmarks.studies.study import Column, FlownRow, Study
-from estimator.measurements.map_fix import MapFixConfig
+from estimator.filters.initialise import InitialGuess
+from estimator.measurements.map_fix import HandOver, MapFixConfig
+from estimator.measurements.picture_to_picture import OdometryConfig
 from estimator.navigator import NavigatorConfig
-from estimator.registration.alignment import MatcherConfig
+from estimator.odometry.tracker import TrackerConfig
+from estimator.registration.alignment import COMPARED, MatcherConfig
+from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm
 from simulator.scenario import CameraSection, FlightSection, Scenario
 
+GROUPS_2009 = ("position", "velocity", "attitude", "accelerometer_bias", "clone_position", "clone_rotation")
+REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas")
 # the odometry takes a picture every 0.25 s and the thesis sampled its video at 4 Hz: more would only take time
 PICTURES = CameraSection(frames_per_s=8.0)
 NAVIGATION = (
@@ -32,28 +41,157 @@ MEANING = (
 )
 
 
-def flight(short: bool, name: str = "study", flying: FlightSection | None = None) -> Scenario:
-    """The demo's helicopter on a shorter flight: 25 s with GPS, then 120 s (60 s in short) without."""
+def flight(short: bool, name: str = "study", flying: FlightSection | None = None, gps_s: float = 25.0) -> Scenario:
+    """The demo's helicopter on a shorter flight: ``gps_s`` with GPS, then 120 s (60 s in short) without."""
     denied_s = 60.0 if short else 120.0
     return Scenario(
-        name=name, duration_s=27.0 + denied_s, gps_denied_s=((25.0, 25.0 + denied_s),), camera=PICTURES,
+        name=name, duration_s=gps_s + denied_s + 2.0, gps_denied_s=((gps_s, gps_s + denied_s),), camera=PICTURES,
         flight=flying or FlightSection(),
     )  # fmt: skip
+
+
+def baseline() -> NavigatorConfig:
+    """The system of 2009 as far as it can be set up here: grey values, the correlation as a density, 12 states.
+
+    Its odometry moves both filters, where the thesis lets it move the density alone; and the attitude that the
+    autopilot reports stands for its compass, with the sigma of what that errs by.
+    """
+    return NavigatorConfig(
+        groups=GROUPS_2009,
+        reported_attitude_std_rad=0.03,
+        odometry=OdometryConfig(method="homography"),
+        matcher=MatcherConfig(channels="intensity", calibration=LikelihoodCalibration(form=LikelihoodForm.SIMILARITY)),
+        map_fix=MapFixConfig(
+            hand_over=HandOver.DENSITY, couple_attitude=False, temper=False, search_pose=False, use_windows=False,
+            max_outlier_probability=1.0, min_unimodality=0.0, max_lost_probability=1.0,
+            max_innovation_sigmas=float("inf"),
+        ),
+    )  # fmt: skip
+
+
+def rungs() -> list[tuple[str, str, NavigatorConfig]]:
+    """The ladder from the baseline to the defaults: name, change, configuration; one change a rung."""
+    default = NavigatorConfig()
+    config = baseline()
+    found = [("2009", "grey-value correlation as a density, its mean with 2 m, H = [I 0 0], 12 states", config)]
+
+    def step(name: str, change: str, **changes: Any) -> None:
+        nonlocal config
+        config = replace(config, **changes)
+        found.append((name, change, config))
+
+    def fix(**changes: Any) -> dict[str, Any]:
+        return {"map_fix": replace(config.map_fix, **changes)}
+
+    step("+ likelihood", "calibrated likelihood with a floor", matcher=MatcherConfig(channels="intensity"))
+    step("+ gradients", "double-angle gradients instead of grey values", matcher=MatcherConfig())
+    step("+ pose search", "headings and heights around the prediction", **fix(search_pose=True))
+    step("+ attitude in H", "attitude and height in the measurement matrix", **fix(couple_attitude=True))
+    step(
+        "+ increment",
+        "what a picture adds is handed over, with its own covariance",
+        **fix(hand_over=HandOver.INCREMENT),
+    )
+    step("+ tempering", "fixes from the same place count less", **fix(temper=True))
+    tests = {name: getattr(default.map_fix, name) for name in REFUSALS}
+    step("+ refusals", "weak, ambiguous and contradicting pictures are refused", **fix(**tests))
+    step("+ windows", "windows that agree give the whole pose", **fix(use_windows=True))
+    states = {"groups": default.groups, "reported_attitude_std_rad": default.reported_attitude_std_rad}
+    step("+ slow errors", "biases of sensors, mount, ground and map as states", **states)
+    step("+ rays (default)", "odometry by rays cut with the terrain", odometry=default.odometry)
+    return found
 
 
 def ladder(short: bool) -> Study:
     """The published baseline and upwards, one change a rung."""
     scenario = flight(short)
-    intensity = NavigatorConfig(matcher=MatcherConfig(channels="intensity"), map_fix=MapFixConfig(min_agreement=1.1))
-    gradients = replace(intensity, matcher=MatcherConfig())
-    rungs = (
-        ("intensity", "intensity correlation", intensity),
-        ("gradients", "double-angle gradients", gradients),
-        ("windows", "windows that agree give the whole pose", NavigatorConfig()),
-    )
-    rows = tuple(FlownRow(name, change, scenario, config) for name, change, config in rungs)
+    rows = tuple(FlownRow(name, change, scenario, config) for name, change, config in rungs())
     return Study("ladder", "What each step gains", MEANING, rows, NAVIGATION, "rms_m", "horizontal rms, m")
 
 
-STUDIES: dict[str, Callable[[bool], Study]] = {"ladder": ladder}
+def channels(short: bool) -> Study:
+    """The measures of similarity under the present navigator."""
+    scenario = flight(short)
+    rows = tuple(
+        FlownRow(name, f"compares {name.replace('_', ' ')}", scenario, NavigatorConfig(matcher=MatcherConfig(name)))
+        for name in COMPARED
+    )
+    about = f"{MEANING} The calibration of likelihood and refusals is that of the double-angle gradients in all rows."
+    return Study("channels", "Measures of similarity", about, rows, NAVIGATION, "rms_m", "horizontal rms, m")
+
+
+def _without_map(odometry: OdometryConfig) -> NavigatorConfig:
+    return NavigatorConfig(odometry=odometry, fix_interval_s=float("inf"))
+
+
+def _drift_study(name: str, title: str, rows: list[tuple[str, str, OdometryConfig]], short: bool) -> Study:
+    flying = flight(short, "odometry", FlightSection(hover_stops=0))
+    lengths = (100.0, 200.0, 400.0) if short else (100.0, 200.0, 400.0, 800.0)
+    columns = (
+        Column("drift", "drift", 2, percent=True),
+        *(Column(f"{length:.0f} m", f"drift_{length:.0f}_m", 2, percent=True) for length in lengths),
+        Column("rms, m", "rms_m"),
+        Column("NEES / dof", "nees_per_dof"),
+        Column("inside 95 %", "inside_95", 0, percent=True),
+        Column("x real time", "times_real_time", 1),
+    )
+    about = (
+        "Inertial filter and odometer without a map, GPS denied, no hover. Drift: mean horizontal error of segments of "
+        "the path relative to their beginnings, position and heading, over their lengths (KITTI style, never scaled); "
+        "rms: unaligned error, which a heading that is wrong from the start dominates."
+    )
+    flown = tuple(FlownRow(row, change, flying, _without_map(config)) for row, change, config in rows)
+    return Study(name, title, about, flown, columns, "drift", "drift, share of the distance", lengths)
+
+
+def odometry(short: bool) -> Study:
+    """The odometers, and none."""
+    rows = [
+        ("inertial alone", "no pictures", OdometryConfig(interval_s=float("inf"))),
+        ("depth average", "2008: mean displacement of all features at one depth", OdometryConfig("depth_average")),
+        ("homography", "2009: robust homography, rotation and slope known", OdometryConfig("homography")),
+        ("rays (default)", "rays cut with the terrain", OdometryConfig()),
+    ]
+    return _drift_study("odometry", "Drift of the odometers", rows, short)
+
+
+def features(short: bool) -> Study:
+    """The thesis's question of figure 5.20: how many corners."""
+    numbers = (25, 50, 150) if short else (15, 25, 50, 100, 150, 220, 400)
+    rows = [
+        (f"{method}, {count}", f"at most {count} corners", OdometryConfig(method, TrackerConfig(count, count // 2)))
+        for method in ("homography", "rays")
+        for count in numbers
+    ]
+    return _drift_study("features", "Drift over the number of corners", rows, short)
+
+
+def initial_error(short: bool) -> Study:
+    """The thesis's figures 5.21 and 5.22: the filter begins with a wrong attitude and no compass."""
+    scenario = flight(short, "initial", gps_s=6.0)
+    rows = []
+    for degrees in (0.0, 5.0, 10.0):
+        wrong = float(np.radians(degrees))
+        std = float(np.radians(max(degrees, 1.0)))
+        guess = InitialGuess(attitude_std_rad=(std,) * 3, attitude_error_rad=(wrong,) * 3)
+        change = f"{degrees:.0f} degrees wrong about all three axes"
+        for name, base in (("2009", baseline()), ("default", NavigatorConfig())):
+            config = replace(base, initial=guess, reported_attitude_interval_s=float("inf"))
+            rows.append(FlownRow(f"{name}, {degrees:.0f} deg", change, scenario, config))
+    columns = (Column("heading rms, deg", "heading_rms_deg"), *NAVIGATION)
+    about = (
+        f"{MEANING} GPS for the first six seconds only, and the autopilot's attitude for the first moment only. "
+        "Heading: rms over the second half of the time without GPS."
+    )
+    title = "Recovery from a wrong attitude"
+    return Study("initial-error", title, about, tuple(rows), columns, "heading_rms_deg", "heading rms, degrees")
+
+
+STUDIES: dict[str, Callable[[bool], Study]] = {
+    "ladder": ladder,
+    "channels": channels,
+    "odometry": odometry,
+    "features": features,
+    "initial-error": initial_error,
+}
 """Studies by name: called with whether they are to be short."""

@@ -23,20 +23,21 @@ SEGMENT_STEP_M = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored:
-    """The scored states of one replay: errors (n, 2) in metres, normalised squares (n,), declared valid (n,)."""
+    """The scored states of one replay: errors (n, 2), normalised squares (n,), declared valid (n,), heading (n,)."""
 
     error_ne_m: Float
     nees: Float
     valid: Float
+    heading_error_rad: Float
 
 
-def scored(error_ne_m: Float, cov_ne_m2: Float, valid: Float) -> Scored:
+def scored(error_ne_m: Float, cov_ne_m2: Float, valid: Float, heading_error_rad: Float) -> Scored:
     """Errors (n, 2) with their covariances (n, 2, 2); a singular covariance counts as infinitely sure."""
     nees = np.full(len(error_ne_m), np.inf)
     regular = np.linalg.det(cov_ne_m2) > 0.0
     error = error_ne_m[regular]
     nees[regular] = np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov_ne_m2[regular]), error)
-    return Scored(error_ne_m, nees, np.asarray(valid, dtype=np.float64))
+    return Scored(error_ne_m, nees, np.asarray(valid, dtype=np.float64), heading_error_rad)
 
 
 def navigation_figures(runs: Sequence[Scored]) -> dict[str, Any]:
@@ -58,6 +59,7 @@ def navigation_figures(runs: Sequence[Scored]) -> dict[str, Any]:
         "declared_valid": float(valid.mean()),
         "wrong": float((np.sqrt(nees) > WRONG_SIGMAS).mean()),
         "nees_per_dof": float(nees.mean() / 2.0),
+        "heading_rms_deg": _late_rms_deg(runs),
         "states": len(error),
     }
     # of two-dimensional Gaussians the share p lies within a normalised square of -2 ln(1 - p)
@@ -65,22 +67,34 @@ def navigation_figures(runs: Sequence[Scored]) -> dict[str, Any]:
     return {**figures, **inside}
 
 
+def _late_rms_deg(runs: Sequence[Scored]) -> float:
+    """Heading error of the second half of each replay: what is left once there was time to find it."""
+    late = np.concatenate([run.heading_error_rad[len(run.heading_error_rad) // 2 :] for run in runs])
+    return float(np.degrees(np.sqrt(np.mean(np.square(late)))))
+
+
 def drift(
-    true_ne_m: Float, error_ne_m: Float, lengths_m: Sequence[float], step_m: float = SEGMENT_STEP_M
-) -> dict[float, Float]:
+    true_ne_m: Float, error_ne_m: Float, heading_error_rad: Float, lengths_m: Sequence[float],
+    step_m: float = SEGMENT_STEP_M,
+) -> dict[float, Float]:  # fmt: skip
     """Relative errors of an estimate over segments of a path, as shares of their lengths, for each length.
 
-    The error of a segment is by how much the horizontal error grew along it; segments begin every ``step_m`` of the
-    true path (n, 2), whose errors are (n, 2). As in the KITTI odometry benchmark (Geiger et al., CVPR 2012), but in the
-    fixed frame, unaligned: a wrong heading counts.
+    Segments begin every ``step_m`` of the true path (n, 2), whose errors are (n, 2). As in the KITTI odometry benchmark
+    (Geiger et al., CVPR 2012) a segment is taken relative to its beginning, position and heading: what the heading was
+    wrong by there (n,) is no error of the odometer. Nothing is scaled.
     """
     along = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(true_ne_m, axis=0).T))))
     found: dict[float, Float] = {}
     for length in lengths_m:
         starts = np.arange(0.0, along[-1] - length, step_m)
         first, last = np.searchsorted(along, starts), np.searchsorted(along, starts + length)
-        grown = error_ne_m[last] - error_ne_m[first]
-        found[length] = np.hypot(*grown.T) / length
+        moved = true_ne_m[last] - true_ne_m[first]
+        estimated = moved + error_ne_m[last] - error_ne_m[first]
+        cos, sin = np.cos(heading_error_rad[first]), np.sin(heading_error_rad[first])
+        turned = np.stack(
+            (cos * estimated[:, 0] + sin * estimated[:, 1], cos * estimated[:, 1] - sin * estimated[:, 0])
+        )
+        found[length] = np.hypot(*(turned.T - moved).T) / length
     return found
 
 

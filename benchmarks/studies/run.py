@@ -175,10 +175,10 @@ def _replayed(row: FlownRow, flight: Path, segments_m: Sequence[float]) -> Outco
         return Outcome(failure="no state while GPS was denied")
     modes = {state.t_us: state.mode in VALID_MODES for state in result.states}
     valid = np.array([modes[int(t)] for t in errors.t_us[inside]], dtype=np.float64)
-    error_ne_m = errors.error_ned_m[inside, :2]
+    error_ne_m, heading = errors.error_ned_m[inside, :2], errors.heading_error_rad[inside]
     return Outcome(
-        scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid),
-        drift=drift(errors.true_ned_m[inside, :2], error_ne_m, segments_m) if segments_m else None,
+        scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid, heading),
+        drift=drift(errors.true_ned_m[inside, :2], error_ne_m, heading, segments_m) if segments_m else None,
         fixes=len(result.fixes),
         accepted=sum(fix.accepted for fix in result.fixes),
         fix_ms=sum(fix.elapsed_ms for fix in result.fixes),

@@ -10,6 +10,7 @@ import numpy as np
 from estimator.filters.eskf import Layout, Nominal, ProcessNoise
 from estimator.filters.strapdown import Motion
 from estimator.geometry.local import LocalFrame
+from estimator.geometry.rotation import q_from_rotvec, q_multiply
 from estimator.types import AttitudeSample, BarometerSample, Float, GnssSample, HomeSample, Sample
 
 # an older fix is of another place
@@ -22,7 +23,8 @@ class InitialGuess:
 
     ``lat_rad`` and ``lon_rad`` give a position to start from where no satellite fix comes within ``patience_s``; home
     serves where they are None. Standard deviations are of the first estimate; the camera's is ``boresight_std_rad`` for
-    one fixed to the body and ``gimbal_error_std_rad`` for one whose gimbal reports its attitude.
+    one fixed to the body and ``gimbal_error_std_rad`` for one whose gimbal reports its attitude. By
+    ``attitude_error_rad``, about the NED axes, the first attitude is made wrong, to study how that is recovered from.
     """
 
     lat_rad: float | None = None
@@ -30,6 +32,7 @@ class InitialGuess:
     position_std_m: float = 40.0
     patience_s: float = 3.0
     attitude_std_rad: tuple[float, float, float] = (0.02, 0.02, 0.05)
+    attitude_error_rad: tuple[float, float, float] = (0.0, 0.0, 0.0)
     accelerometer_bias_std_m_s2: float = 0.15
     gyroscope_bias_std_rad_s: float = 0.005
     boresight_std_rad: float = 0.01
@@ -137,7 +140,11 @@ class InitialConditions:
 
 def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: ProcessNoise) -> tuple[Nominal, Float]:
     """Nominal state and covariance (n, n) from the first estimate."""
-    nominal = Nominal(first.motion, np.zeros(3), np.zeros(3), first.barometer_bias_m, np.zeros(3), np.zeros(3))
+    motion = first.motion
+    if any(guess.attitude_error_rad):
+        q_wrong = q_multiply(q_from_rotvec(np.array(guess.attitude_error_rad)), motion.q_ned_from_body)
+        motion = Motion(motion.pos_ned_m, motion.vel_ned_m_s, q_wrong)
+    nominal = Nominal(motion, np.zeros(3), np.zeros(3), first.barometer_bias_m, np.zeros(3), np.zeros(3))
     std = np.zeros(layout.size)
     first_std: dict[str, Any] = {
         "position": first.position_std_m,

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from estimator.filters.eskf import STATE_GROUPS, Layout, ProcessNoise
 from estimator.filters.initialise import InitialConditions, InitialGuess, aligned
@@ -135,3 +136,19 @@ def test_reduced_layouts_leave_out_what_they_lack() -> None:
 
     assert P.shape == (9, 9)
     assert (np.diag(P) > 0.0).all()
+
+
+def test_an_attitude_made_wrong_on_purpose_is_wrong_by_that_about_the_fixed_axes() -> None:
+    """Outside truth: SciPy's composition of rotations, which turns the reported attitude from the left."""
+    error = np.array([0.05, -0.08, 0.17])
+    first = _with(AttitudeSample(0, Q, np.zeros(3)), BarometerSample(0, 391.0), _gnss(100_000)).ready(200_000)
+    assert first is not None
+    guess = InitialGuess(attitude_error_rad=(0.05, -0.08, 0.17))
+    nominal, _ = aligned(first, LAYOUT, guess, ProcessNoise())
+
+    expected = Rotation.from_rotvec(error) * Rotation.from_quat(Q, scalar_first=True)
+    assert_allclose(
+        Rotation.from_quat(nominal.motion.q_ned_from_body, scalar_first=True).as_matrix(), expected.as_matrix()
+    )
+    untouched, _ = aligned(first, LAYOUT, InitialGuess(), ProcessNoise())
+    assert_allclose(untouched.motion.q_ned_from_body, Q)

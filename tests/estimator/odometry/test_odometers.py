@@ -101,7 +101,7 @@ def test_jacobians_agree_with_finite_differences(method: str) -> None:
     step = 1e-4
     for axis in range(3):
         turn = np.eye(3)[axis] * step
-        # of a lever of 100 m; what the motion itself, 7 m, adds to it is left out where the lever is taken straight down
+        # of a lever of 100 m; what the motion, 7 m, adds is left out where the lever is taken straight down
         assert_allclose(by(turn_first=turn) / step, base.by_rotation_first[:, axis], atol=2.5)
         assert_allclose(by(turn_second=turn) / step, base.by_rotation_second[:, axis], atol=2.5)
     for axis in range(2):
