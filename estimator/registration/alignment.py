@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from estimator.ports import Correlation, GroundModel, ReferenceMap
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration, log_matched
+from estimator.registration.lines import headings_by_lines
 from estimator.registration.mind import self_similarity
 from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
 from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
@@ -24,14 +26,25 @@ COMPARED: dict[str, Callable[[Image], Channels]] = {**CHANNELS, "mind": self_sim
 """The channel functions a matcher can be configured with."""
 
 
+class HeadingSource(StrEnum):
+    """Which headings are tried: a grid about the prediction, or also those that straight lines suggest."""
+
+    GRID = "grid"
+    LINES = "lines"
+
+
 @dataclass(frozen=True, slots=True)
 class MatcherConfig:
     """What to compare and how finely.
 
     ``max_template_px`` bounds the rectified picture; ``max_obliquity_rad`` leaves out ground seen at a grazing angle.
+    With ``heading_from`` lines the grid shrinks to its middle, and headings up to ``line_reach_rad`` off that the lines
+    of picture and map suggest are tried as well, each with a neighbour to either side.
     """
 
     channels: str = "double_angle"
+    heading_from: HeadingSource = HeadingSource.GRID
+    line_reach_rad: float = 0.35
     max_template_px: int = 224
     max_search_px: int = 320
     min_template_px: int = 24
@@ -108,6 +121,19 @@ class _Patch:
     offsets_ne_m: Float
     gsd_m: float
 
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.offsets_ne_m.shape[0], self.offsets_ne_m.shape[1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _MapArea:
+    """The map on the patch's grid, with a margin to search in, and where it is known."""
+
+    image: Image
+    known: NDArray[np.bool_]
+
 
 class Registrar:
     """Registers pictures of one camera to one reference map."""
@@ -139,10 +165,16 @@ class Registrar:
             return patch
         half_ne = np.abs(patch.offsets_ne_m[0, 0]) + 0.5 * patch.gsd_m
         radius_px = int(np.clip(np.ceil(search_radius_m / patch.gsd_m), 4, self.config.max_search_px))
-        search = self._search(patch, half_ne, radius_px)
-        if isinstance(search, NoMatch):
-            return search
+        area = self._map_area(patch, half_ne, radius_px)
+        if isinstance(area, NoMatch):
+            return area
+        search = SearchArea(self._channels(area.image), area.known, patch.shape)
         source = _reduced(image, self._camera, pose, patch)
+        if self.config.heading_from is HeadingSource.LINES:
+            template, mask, _ = self._rectified(source, patch, pose, 0.0, 0.0)
+            turns = headings_by_lines(template, mask, area.image, area.known, self.config.line_reach_rad)
+            step = self.config.heading_step_rad
+            headings_rad = np.unique(np.concatenate(([-step, 0.0, step], *(turns + k * step for k in (-1, 0, 1)))))
 
         def attempt(heading_rad: float, scale: float) -> _Attempt | None:
             return self._attempt(source, search, patch, pose, heading_rad, scale)
@@ -258,10 +290,10 @@ class Registrar:
         points = points[np.isfinite(points).all(axis=1)]
         return points[:, :2] if len(points) >= 8 else None
 
-    def _search(self, patch: _Patch, half_ne: Float, radius_px: int) -> SearchArea | NoMatch:
+    def _map_area(self, patch: _Patch, half_ne: Float, radius_px: int) -> _MapArea | NoMatch:
         margin = radius_px * patch.gsd_m
         centre = patch.centre_ned_m
-        shape = patch.offsets_ne_m.shape[:2]
+        shape = patch.shape
         window = self._reference.window(
             centre[0] - half_ne[0] - margin - patch.gsd_m, centre[1] - half_ne[1] - margin - patch.gsd_m,
             centre[0] + half_ne[0] + margin + patch.gsd_m, centre[1] + half_ne[1] + margin + patch.gsd_m,
@@ -289,12 +321,12 @@ class Registrar:
         known = np.asarray(covered > 0)
         if known.mean() < 0.2:
             return NoMatch("too little of the reference map around the prediction")
-        return SearchArea(self._channels(_uint8(picture)), known, (shape[0], shape[1]))
+        return _MapArea(_uint8(picture), known)
 
-    def _attempt(
-        self, source: _Source, search: SearchArea, patch: _Patch, pose: CameraPose, heading_rad: float,
-        scale: float,
-    ) -> _Attempt | None:  # fmt: skip
+    def _rectified(
+        self, source: _Source, patch: _Patch, pose: CameraPose, heading_rad: float, scale: float
+    ) -> tuple[Image, NDArray[np.bool_], Float]:
+        """The picture on the patch's grid with a corrected heading and height, where it exists, and its points."""
         cos, sin = np.cos(heading_rad), np.sin(heading_rad)
         # a true map offset o shows where the predicted camera expects Rot(-heading) o / (1 + scale)
         turn = np.array([[cos, sin], [-sin, cos]]) / (1.0 + scale)
@@ -302,6 +334,13 @@ class Registrar:
         down = self._down(ne[..., 0].ravel(), ne[..., 1].ravel(), pose).reshape(ne.shape[:2])
         points = np.concatenate((ne, down[..., None]), axis=-1)
         template, mask = source.sample((points - pose.pos_ned_m) @ pose.ned_from_camera)
+        return template, mask, points
+
+    def _attempt(
+        self, source: _Source, search: SearchArea, patch: _Patch, pose: CameraPose, heading_rad: float,
+        scale: float,
+    ) -> _Attempt | None:  # fmt: skip
+        template, mask, points = self._rectified(source, patch, pose, heading_rad, scale)
         if mask.sum() < self.config.min_template_px**2:
             return None
         channels = self._channels(template)

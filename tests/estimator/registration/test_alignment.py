@@ -3,7 +3,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from estimator.geometry.rotation import matrix_from_euler, matrix_from_q, q_from_rotvec
-from estimator.registration.alignment import COMPARED, CameraPose, Match, MatcherConfig, NoMatch, Registrar
+from estimator.registration.alignment import (
+    COMPARED,
+    CameraPose,
+    HeadingSource,
+    Match,
+    MatcherConfig,
+    NoMatch,
+    Registrar,
+)
 from tests.estimator.registration.textured_map import (
     CAMERA,
     MAP,
@@ -193,3 +201,22 @@ def test_every_measure_finds_a_known_displacement(channels: str, reversed_contra
 def test_a_measure_that_is_not_there_is_named_with_those_that_are() -> None:
     with pytest.raises(ValueError, match="edge_overlap"):
         _registrar(channels="sift")
+
+
+def test_lines_suggest_a_heading_beyond_the_grid() -> None:
+    """
+    Fault: the predicted heading is 14 degrees wrong, and the filter would have three tried.
+    Expected: the lines of the blocks lead there, and the correlation takes it.
+    """
+    predicted = CameraPose(TRUE_POS + np.array([4.0, -3.0, 0.0]), _yaw(np.deg2rad(-14.0)) @ NADIR_TOP_NORTH)
+    grid = np.deg2rad(np.array([-1.5, 0.0, 1.5]))
+    picture = seen_by(TRUE_POS, NADIR_TOP_NORTH)
+
+    by_lines = _registrar(heading_from=HeadingSource.LINES).register(picture, predicted, 20.0, grid, NO_SCALES)
+    by_grid = _registrar().register(picture, predicted, 20.0, grid, NO_SCALES)
+
+    assert isinstance(by_lines, Match)
+    assert isinstance(by_grid, Match)
+    assert by_lines.heading_rad == pytest.approx(np.deg2rad(14.0), abs=np.deg2rad(1.0))
+    assert by_lines.peak.value > by_grid.peak.value + 0.2
+    assert_allclose(by_lines.displacement_ne_m, [-4.0, 3.0], atol=1.0)
