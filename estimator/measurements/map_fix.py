@@ -18,6 +18,7 @@ from estimator.filters.point_mass import Moments, PointMassConfig, PointMassFilt
 from estimator.measurements import terrain_fix
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
+from estimator.measurements.sliding_window import SlidingWindow, SlidingWindowConfig
 from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
 from estimator.registration.likelihood import likelihood
 from estimator.registration.refine import Refinement
@@ -40,6 +41,13 @@ class HandOver(StrEnum):
     DENSITY = "density"
 
 
+class Acceptance(StrEnum):
+    """What makes a fix of a match: the tests of one picture and the density, or the scatter of many (2008)."""
+
+    VERIFIED = "verified"
+    SLIDING_WINDOW = "sliding_window"
+
+
 @dataclass(frozen=True, slots=True)
 class MapFixConfig:
     """Search and acceptance of map fixes.
@@ -53,7 +61,8 @@ class MapFixConfig:
 
     Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
     horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
-    predicted heading and height only; ``use_windows`` off leaves the density.
+    predicted heading and height only; ``use_windows`` off leaves the density. ``acceptance`` by the sliding window has
+    neither density nor windows.
     """
 
     search_sigmas: float = 3.5
@@ -76,6 +85,8 @@ class MapFixConfig:
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
+    acceptance: Acceptance = Acceptance.VERIFIED
+    sliding_window: SlidingWindowConfig = field(default_factory=SlidingWindowConfig)
     hand_over: HandOver = HandOver.INCREMENT
     constant_std_m: float = 2.0
     couple_attitude: bool = True
@@ -95,6 +106,8 @@ class MapFixer:
         self._registrar = registrar
         self._clock_s = clock_s
         self._density: PointMassFilter | None = None
+        sliding = self.config.acceptance is Acceptance.SLIDING_WINDOW
+        self._window = SlidingWindow(self.config.sliding_window) if sliding else None
         self._last_pos_ne_m = UNKNOWN_NE
         self._last_t_us = 0
         self._last_accepted_ne_m = UNKNOWN_NE
@@ -129,7 +142,27 @@ class MapFixer:
         if isinstance(match, NoMatch):
             self.rejected_in_row += 1
             return self._report(frame, started, match.reason)
+        if self._window is not None:
+            return self._fuse_by_window(self._window, match, frame, started, eskf, pose, T)
         return self._fuse(match, frame, started, eskf, camera, pose, T)
+
+    def _fuse_by_window(
+        self, window: SlidingWindow, match: Match, frame: FrameSample, started: float, eskf: ErrorStateFilter,
+        pose: CameraPose, T: Float,
+    ) -> FixReport:  # fmt: skip
+        """Wait until the last matches say the same, then bring their mean in a part at a time."""
+        before_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
+        part = window.offer(match.displacement_ne_m)
+        measured_ne = before_ne + match.displacement_ne_m
+        if part is None:
+            reason = f"matches not stable yet (deviation {window.std_m:.1f} m)"
+            return self._report(frame, started, reason, match, measured_ne)
+        H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
+        cov_ne_m2 = np.eye(2) * part.variance_m2
+        _apply(eskf, Innovation(part.innovation(H @ eskf.P @ H.T), H, cov_ne_m2), np.inf)
+        window.moved(eskf.nominal.motion.pos_ned_m[:2] - before_ne)
+        posterior = Moments(measured_ne, cov_ne_m2)
+        return self._report(frame, started, None, match, measured_ne, posterior)
 
     def _search_radius_m(self, cov_ne_m2: Float) -> float:
         std = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))

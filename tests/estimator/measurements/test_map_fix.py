@@ -7,7 +7,8 @@ from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q
 from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
-from estimator.measurements.map_fix import HandOver, MapFixConfig, MapFixer
+from estimator.measurements.map_fix import Acceptance, HandOver, MapFixConfig, MapFixer
+from estimator.measurements.sliding_window import SlidingWindowConfig
 from estimator.registration.alignment import Registrar
 from estimator.types import FixReport, FrameSample
 from tests.estimator.registration.textured_map import (
@@ -335,3 +336,22 @@ def test_without_tempering_a_hover_counts_every_picture_in_full() -> None:
             assert _attempt(fixer, eskf, picture, 0.4 * k).accepted
 
     assert _std_m(kept)[-1] < 0.8 * _std_m(tempered)[-1]
+
+
+def test_sliding_window_waits_for_stable_matches_and_corrects_gradually() -> None:
+    eskf = _filter(np.array([5.0, -4.0, 0.0, 0.0, 0.0, 0.0]))
+    fixer = _fixer(acceptance=Acceptance.SLIDING_WINDOW, sliding_window=SlidingWindowConfig(size=6, parts=4))
+    rng = np.random.default_rng(6)
+
+    reports, errors = [], []
+    for k in range(9):
+        reports.append(_attempt(fixer, eskf, _picture(rng), 0.4 * k))
+        errors.append(_horizontal_m(eskf))
+
+    assert [report.accepted for report in reports] == [False] * 5 + [True] * 4
+    assert all("not stable yet" in report.reason for report in reports[:5])
+    assert errors[4] == pytest.approx(np.hypot(5.0, 4.0))
+    # brought in little by little, and in the end it is there
+    assert np.diff(errors[4:]).max() < 0.0
+    assert errors[5] > 0.3 * errors[4]
+    assert errors[-1] < 1.5
