@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmarks.studies.study import Column, FlownRow, Study
+from benchmarks.studies.altitude import hover
+from benchmarks.studies.odometry_noise import translation_noise
+from benchmarks.studies.study import Column, ComputedRow, FlownRow, Study
 from estimator.filters.initialise import InitialGuess
-from estimator.measurements.map_fix import HandOver, MapFixConfig
+from estimator.measurements.map_fix import Acceptance, HandOver, MapFixConfig
 from estimator.measurements.picture_to_picture import OdometryConfig
 from estimator.navigator import NavigatorConfig
+from estimator.odometry.odometers import ODOMETERS
 from estimator.odometry.tracker import TrackerConfig
-from estimator.registration.alignment import COMPARED, MatcherConfig
+from estimator.registration.alignment import COMPARED, HeadingSource, MatcherConfig
 from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm
 from simulator.scenario import CameraSection, FlightSection, Scenario
 
@@ -169,22 +173,105 @@ def features(short: bool) -> Study:
 def initial_error(short: bool) -> Study:
     """The thesis's figures 5.21 and 5.22: the filter begins with a wrong attitude and no compass."""
     scenario = flight(short, "initial", gps_s=6.0)
+    by_lines = NavigatorConfig(matcher=MatcherConfig(heading_from=HeadingSource.LINES))
     rows = []
     for degrees in (0.0, 5.0, 10.0):
         wrong = float(np.radians(degrees))
         std = float(np.radians(max(degrees, 1.0)))
         guess = InitialGuess(attitude_std_rad=(std,) * 3, attitude_error_rad=(wrong,) * 3)
         change = f"{degrees:.0f} degrees wrong about all three axes"
-        for name, base in (("2009", baseline()), ("default", NavigatorConfig())):
+        for name, base in (("2009", baseline()), ("default", NavigatorConfig()), ("lines", by_lines)):
             config = replace(base, initial=guess, reported_attitude_interval_s=float("inf"))
             rows.append(FlownRow(f"{name}, {degrees:.0f} deg", change, scenario, config))
     columns = (Column("heading rms, deg", "heading_rms_deg"), *NAVIGATION)
     about = (
         f"{MEANING} GPS for the first six seconds only, and the autopilot's attitude for the first moment only. "
-        "Heading: rms over the second half of the time without GPS."
+        "Heading: rms over the second half of the time without GPS. Rows `lines`: the default with headings from lines."
     )
     title = "Recovery from a wrong attitude"
     return Study("initial-error", title, about, tuple(rows), columns, "heading_rms_deg", "heading rms, degrees")
+
+
+def experiment_2008(short: bool) -> Study:
+    """The experiment of Conte and Doherty: 60 m up at 3 m/s, edges, the sliding window, matches at 4 Hz."""
+    denied_s = 90.0 if short else 330.0
+    scenario = Scenario(
+        name="slow", duration_s=27.0 + denied_s, gps_denied_s=((25.0, 25.0 + denied_s),), camera=PICTURES,
+        flight=FlightSection(speed_m_s=3.0, height_agl_m=(60.0, 62.0), hover_stops=0),
+    )  # fmt: skip
+    odometer = replace(baseline(), odometry=OdometryConfig("depth_average"), fix_interval_s=0.25)
+    unlimited = MapFixConfig(
+        acceptance=Acceptance.SLIDING_WINDOW, couple_attitude=False, search_pose=False, use_windows=False
+    )
+    published = replace(odometer, matcher=MatcherConfig("edge_overlap"), map_fix=unlimited)
+    rows = (
+        ("odometer", "depth average, no map", replace(odometer, fix_interval_s=float("inf"))),
+        ("2008", "edges that overlap, accepted by the sliding window", published),
+        ("2008, gradients", "double-angle gradients, accepted the same", replace(published, matcher=MatcherConfig())),
+        ("2009", "grey values and a density", baseline()),
+        ("default", "as it is", NavigatorConfig()),
+    )
+    flown = tuple(FlownRow(name, change, scenario, config) for name, change, config in rows)
+    return Study("experiment-2008", "The experiment of 2008", MEANING, flown, NAVIGATION, "rms_m", "horizontal rms, m")
+
+
+def altitude(short: bool) -> Study:
+    """The thesis's figures 5.15 and 5.16: whether the loop through the attitude is stable with height."""
+    heights = (60.0, 300.0, 1000.0) if short else (30.0, 60.0, 100.0, 200.0, 300.0, 500.0, 700.0, 1000.0, 2000.0)
+    rows = tuple(
+        ComputedRow(
+            f"{height:.0f} m, {'coupled' if coupled else 'H = [I 0 0]'}",
+            "attitude in the measurement matrix" if coupled else "position alone",
+            partial(hover, height_m=height, coupled=coupled, seconds=60.0 if short else 200.0),
+        )
+        for height in heights
+        for coupled in (False, True)
+    )
+    columns = (
+        Column("rms, m", "rms_m"),
+        Column("of the height", "share", 2, percent=True),
+        Column("tilt rms, deg", "tilt_rms_deg", 3),
+        Column("NEES / dof", "nees_per_dof"),
+        Column("diverged", "diverged", 0, percent=True),
+    )
+    about = (
+        "Hover, inertial readings of the thesis's table 5.1 and a position from the picture at 4 Hz with 2 m of noise, "
+        "drawn without pictures as in section 5.8.5. Diverged: tilt wrong by more than 20 degrees at some time; "
+        "the other figures are of the runs that did not."
+    )
+    return Study("altitude", "Stability with height", about, rows, columns, "rms_m", "horizontal rms, m")
+
+
+def odometry_noise(short: bool) -> Study:
+    """The thesis's figures 5.6 to 5.11 for every odometer."""
+    counts = (20, 50) if short else (10, 20, 50, 100, 200)
+    cases = [(count, pixel, 0.0, left) for left in (False, True) for pixel in (0.5, 2.0) for count in counts]
+    cases += [(50, 0.0, degrees, False) for degrees in ((0.5,) if short else (0.1, 0.25, 0.5, 1.0))]
+    cases += [(50, 2.0, 0.5, left) for left in (False, True)]
+    rows = tuple(
+        ComputedRow(
+            f"{method}, {count}, {pixel:g} px, {degrees:g} deg{', left' if left else ''}",
+            f"{count} features {'in the left part' if left else 'over the picture'}",
+            partial(
+                translation_noise, method=method, features=count, pixel_std_px=pixel, attitude_std_deg=degrees,
+                left=left,
+            ),
+        )
+        for method in ODOMETERS
+        for count, pixel, degrees, left in cases
+    )  # fmt: skip
+    columns = (
+        Column("sigma x / depth", "sigma_x", 5),
+        Column("sigma y / depth", "sigma_y", 5),
+        Column("stated x (pixels alone)", "stated", 5),
+        Column("solved", "solved", 0, percent=True),
+    )
+    about = (
+        "No motion, noise on the pixels and on the attitude of both pictures (360 x 288 px, 45 degrees across). "
+        "Rows: odometer, features, pixel noise, attitude noise."
+    )
+    title = "Noise of the odometers"
+    return Study("odometry-noise", title, about, rows, columns, "sigma_x", "translation noise over depth")
 
 
 STUDIES: dict[str, Callable[[bool], Study]] = {
@@ -193,5 +280,8 @@ STUDIES: dict[str, Callable[[bool], Study]] = {
     "odometry": odometry,
     "features": features,
     "initial-error": initial_error,
+    "experiment-2008": experiment_2008,
+    "altitude": altitude,
+    "odometry-noise": odometry_noise,
 }
 """Studies by name: called with whether they are to be short."""

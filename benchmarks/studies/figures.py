@@ -112,10 +112,10 @@ def drift_figures(runs: Sequence[dict[float, Float]]) -> dict[str, Any]:
 
 
 def pooled(rows: Sequence[dict[str, float]]) -> dict[str, Any]:
-    """Mean of each figure over seeds, with its standard error as ``<name>_se`` where there are two seeds or more."""
+    """Mean of each figure over the seeds that have it; where two or more do, its standard error as ``<name>_se``."""
     figures: dict[str, Any] = {}
-    for name in rows[0]:
-        values = np.array([row[name] for row in rows])
+    for name in dict.fromkeys(name for row in rows for name in row):
+        values = np.array([row[name] for row in rows if name in row])
         figures[name] = float(values.mean())
         if len(values) > 1:
             figures[f"{name}_se"] = float(values.std(ddof=1) / np.sqrt(len(values)))

@@ -80,6 +80,7 @@ def test_heading_is_scored_once_there_was_time_to_find_it() -> None:
 def test_figures_of_seeds_are_averaged_with_their_standard_error() -> None:
     assert pooled([{"a": 1.0}, {"a": 3.0}]) == {"a": 2.0, "a_se": pytest.approx(1.0)}
     assert pooled([{"a": 1.0}]) == {"a": 1.0}
+    assert pooled([{"b": 0.0}, {"a": 2.0, "b": 1.0}])["a"] == 2.0
 
 
 def test_nothing_to_score_is_an_error() -> None:
