@@ -90,19 +90,19 @@ def rungs() -> list[tuple[str, str, NavigatorConfig]]:
     step("+ likelihood", "calibrated likelihood with a floor", matcher=MatcherConfig(channels="intensity"))
     step("+ gradients", "double-angle gradients instead of grey values", matcher=MatcherConfig())
     step("+ pose search", "headings and heights around the prediction", **fix(search_pose=True))
+    step("+ rays", "odometry by rays cut with the terrain instead of a homography", odometry=default.odometry)
+    states = {"groups": default.groups, "reported_attitude_std_rad": default.reported_attitude_std_rad}
+    step("+ slow errors", "biases of sensors, mount, ground and map as states", **states)
     step("+ attitude in H", "attitude and height in the measurement matrix", **fix(couple_attitude=True))
     step(
         "+ increment",
-        "what a picture adds is handed over, with its own covariance",
+        "handed over is what a picture adds, with its own covariance",
         **fix(hand_over=HandOver.INCREMENT),
     )
     step("+ tempering", "fixes from the same place count less", **fix(temper=True))
     tests = {name: getattr(default.map_fix, name) for name in REFUSALS}
     step("+ refusals", "weak, ambiguous and contradicting pictures are refused", **fix(**tests))
-    step("+ windows", "windows that agree give the whole pose", **fix(use_windows=True))
-    states = {"groups": default.groups, "reported_attitude_std_rad": default.reported_attitude_std_rad}
-    step("+ slow errors", "biases of sensors, mount, ground and map as states", **states)
-    step("+ rays (default)", "odometry by rays cut with the terrain", odometry=default.odometry)
+    step("+ windows (default)", "windows that agree give the whole pose", **fix(use_windows=True))
     return found
 
 
