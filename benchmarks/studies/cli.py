@@ -24,7 +24,7 @@ def register(app: typer.Typer) -> None:
 
 
 def monte_carlo(
-    study: Annotated[str, typer.Argument(help="ladder, odometry, ...; 'list' names them all.")],
+    study: Annotated[str, typer.Argument(help="ladder, odometry, ... ('list' names them all), or a TOML file.")],
     seeds: Annotated[
         str | None, typer.Option(help=f"A-B or A  [{FIRST_SEED}-{FIRST_SEED + FULL_SEEDS - 1}; --short: two seeds]")
     ] = None,
@@ -40,6 +40,7 @@ def monte_carlo(
     """
     from benchmarks.studies.catalogue import STUDIES  # noqa: PLC0415  keeps estimator and simulator out of --help
     from benchmarks.studies.run import run_study  # noqa: PLC0415
+    from benchmarks.studies.study_file import load_study  # noqa: PLC0415
     from benchmarks.studies.tables import table, write_results  # noqa: PLC0415
 
     console = Console(stderr=True)
@@ -47,10 +48,10 @@ def monte_carlo(
         for name, build in STUDIES.items():
             typer.echo(f"{name:14} {build(short).title}")
         return
-    if study not in STUDIES:
-        raise typer.BadParameter(f"unknown study '{study}'; known: {', '.join(STUDIES)}")
     chosen = parse_seeds(seeds, short)
-    built = STUDIES[study](short)
+    built = load_study(study, short, STUDIES)
+    # before anything flies: hours of work must find their folder
+    out.mkdir(parents=True, exist_ok=True)
     results = run_study(
         built, chosen, cache or default_cache(), jobs, resume,
         lambda text: console.print(text, markup=False, highlight=False),

@@ -24,6 +24,7 @@ from benchmarks.studies.figures import Scored, drift, drift_figures, navigation_
 from benchmarks.studies.flights import ESTIMATOR_SOURCES, SIMULATOR_SOURCES, flown, source_digest
 from benchmarks.studies.study import ComputedRow, FlownRow, Row, Study
 from estimator.types import Float, Mode
+from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
 VALID_MODES = (Mode.GPS, Mode.VISION)
@@ -163,8 +164,10 @@ def _replayed(row: FlownRow, flight: Path, segments_m: Sequence[float]) -> Outco
     with tempfile.TemporaryDirectory(prefix="pilotage-study-") as scratch:
         try:
             result = replay_flight(folder, Path(scratch), options=ReplayOptions(config=row.config))
-        except StationError as error:
+        except (StationError, GeodataError) as error:
             return Outcome(failure=str(error))
+        except np.linalg.LinAlgError as error:
+            return Outcome(failure=f"the filter diverged: {error}")
     errors = errors_against_truth(folder, result.states)
     if errors is None:
         return Outcome(failure="no state at a time of which the truth is known")
