@@ -273,7 +273,8 @@ def errors_against_truth(folder: FlightFolder, states: list[NavigationState]) ->
     cov = np.array([s.cov_pos_ned_m2[:2, :2] for s in inside])
     spans = [(max(a, int(truth.t_unix_us[0])), min(b, int(truth.t_unix_us[-1]))) for a, b in folder.meta.gps_denied]
     spans = [span for span in spans if span[0] < span[1]]
-    yaw = np.interp(t_us, truth.t_unix_us, np.unwrap(truth.yaw_rad))
+    # by its sine and cosine: north is no jump, and a gap in the truth stays a gap
+    yaw = np.arctan2(*(np.interp(t_us, truth.t_unix_us, part(truth.yaw_rad)) for part in (np.sin, np.cos)))
     turned: Float = wrap_pi(np.array([euler_from_q(s.q_ned_from_body)[2] for s in inside]) - yaw)
     return TruthErrors(t_us, here - at, cov, at, turned, spans or [(int(t_us[0]), int(t_us[-1]))])
 

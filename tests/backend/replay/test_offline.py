@@ -6,15 +6,17 @@ import itertools
 import json
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from backend.link.dialect import message_layouts
-from backend.replay.offline import ReplayError, ReplayOptions, ReplayResult, replay_flight
+from backend.replay.offline import ReplayError, ReplayOptions, ReplayResult, errors_against_truth, replay_flight
 from estimator.types import Mode
-from geodata.flight import FlightFolder
+from geodata.flight import FlightFolder, write_truth_csv
 from tests.backend.flight_maker import SIZE, T0_US, plan, write_flight, write_recording_with_faulty_video
 from tests.backend.replay.flown import SPEED_M_S, packets, write_known_flight
 
@@ -203,3 +205,24 @@ def test_video_that_changes_size_freezes_and_stops_is_replayed_to_the_end_of_the
 
 def _replayed(tmp_path: Path, options: ReplayOptions | None = None) -> ReplayResult:
     return replay_flight(FlightFolder.open(tmp_path / "f"), tmp_path / "out", options=options)
+
+
+@pytest.mark.parametrize(("truth_deg", "error_deg"), [(0.0, 0.0), (350.0, 10.0), (-170.0, 170.0), (12.0, -12.0)])
+def test_heading_errors_are_within_half_a_turn(truth_deg: float, error_deg: float, tmp_path: Path) -> None:
+    """The aircraft says north all the time; its truth is another column."""
+    flight = write_known_flight(tmp_path / "f")
+    states = replay_flight(flight, tmp_path / "out").states
+    truth = flight.truth()
+    assert truth is not None
+    yaw = np.full(len(truth.t_unix_us), np.radians(truth_deg))
+    yaw[60:63] = np.nan
+    write_truth_csv(flight.path / "truth.csv", replace(truth, yaw_rad=yaw))
+
+    errors = errors_against_truth(FlightFolder.open(flight.path), states)
+
+    assert errors is not None
+    known = np.isfinite(errors.heading_error_rad)
+    assert 0.8 < known.mean() < 1.0, "a gap in the truth's heading is a gap, and no more"
+    assert_allclose(np.degrees(errors.heading_error_rad[known]), error_deg, atol=0.5)
+    assert_allclose(errors.error_ned_m, 0.0, atol=0.05)
+    assert errors.spans_us == [(int(errors.t_us[0]), int(errors.t_us[-1]))]

@@ -1,0 +1,76 @@
+"""From two pictures to an innovation, with each odometer: rendered ground, real corners, known motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.strapdown import EarthModel, Motion
+from estimator.geometry.camera import Mount
+from estimator.geometry.rotation import q_from_euler, q_from_matrix
+from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal
+from estimator.measurements.picture_to_picture import OdometryConfig, VisualOdometry
+from estimator.odometry.odometers import ODOMETERS
+from tests.estimator.registration.textured_map import CAMERA, seen_by
+
+MODEL = CameraAttitudeModel(Mount(0.0, -np.pi / 2, 0.0, np.zeros(3)), Gimbal.FIXED)
+FIRST, SECOND = np.array([5.0, -8.0, -100.0]), np.array([9.0, -5.0, -99.5])
+Q_FIRST, Q_SECOND = q_from_euler(0.03, -0.05, 0.8), q_from_euler(-0.02, 0.04, 0.86)
+LAYOUT = Layout.of(STATE_GROUPS)
+
+
+def flat(north_m: np.ndarray, east_m: np.ndarray) -> np.ndarray:
+    return np.zeros_like(north_m)
+
+
+def camera_of(q_ned_from_body: np.ndarray) -> CameraAttitude:
+    return MODEL.at(0, q_ned_from_body, np.zeros(3))
+
+
+def filter_after(first: np.ndarray, now: np.ndarray) -> ErrorStateFilter:
+    """A filter that had its first picture where it truly was, and believes itself at ``now``."""
+    zero = np.zeros(3)
+    clone = Clone(first, q_from_matrix(camera_of(Q_FIRST).ned_from_camera))
+    nominal = Nominal(Motion(now, zero, Q_SECOND), zero, zero, 0.0, zero, zero, clone=clone)
+    return ErrorStateFilter(nominal, np.eye(LAYOUT.size), LAYOUT, EarthModel.at(0.8, 300.0), ProcessNoise())
+
+
+@pytest.mark.parametrize("method", sorted(ODOMETERS))
+def test_pictures_tell_how_far_the_prediction_is_off(method: str) -> None:
+    """
+    Fault: the filter believes itself 1.5 m north and 1 m west of where it is.
+    Expected: the innovation says so within a few of its own sigmas and a tenth of a metre or two.
+    """
+    error = np.array([1.5, -1.0, 0.0])
+    odometry = VisualOdometry(CAMERA, OdometryConfig(method))
+    pictures = [seen_by(p, camera_of(q).ned_from_camera) for p, q in ((FIRST, Q_FIRST), (SECOND, Q_SECOND))]
+    eskf = filter_after(FIRST, SECOND + error)
+
+    assert odometry.step(0, pictures[0], eskf, camera_of(Q_FIRST), FIRST, flat) is None
+    assert odometry.took_picture
+    step = odometry.step(300_000, pictures[1], eskf, camera_of(Q_SECOND), SECOND + error, flat)
+
+    assert step is not None
+    by_position = step.displacement.H[:, LAYOUT.slices["position"]][:, :2]
+    to_truth = np.linalg.solve(by_position, step.displacement.z)
+    missed = to_truth + error[:2]
+    assert_allclose(missed, 0.0, atol=0.25)
+    assert missed @ np.linalg.solve(step.displacement.R, missed) < 25.0
+
+
+def test_an_unknown_odometer_is_refused_at_once() -> None:
+    with pytest.raises(ValueError, match="unknown odometer 'flow'"):
+        VisualOdometry(CAMERA, OdometryConfig("flow"))
+
+
+def test_a_repeated_picture_is_frozen_and_says_nothing() -> None:
+    odometry = VisualOdometry(CAMERA, OdometryConfig())
+    picture = seen_by(FIRST, camera_of(Q_FIRST).ned_from_camera)
+    eskf = filter_after(FIRST, SECOND)
+
+    odometry.step(0, picture, eskf, camera_of(Q_FIRST), FIRST, flat)
+    assert odometry.step(300_000, picture, eskf, camera_of(Q_SECOND), SECOND, flat) is None
+    assert odometry.frozen
+    assert not odometry.took_picture
