@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -47,7 +48,7 @@ class Column:
     def cell(self, figures: dict[str, Any]) -> str:
         """The figure as text; a dash where it was not measured."""
         value = figures.get(self.figure)
-        if value is None:
+        if value is None or not math.isfinite(value):
             return "–"
         return f"{100.0 * value:.{self.digits}f} %" if self.percent else f"{value:.{self.digits}f}"
 
