@@ -142,7 +142,7 @@ def _drift_study(name: str, title: str, rows: list[tuple[str, str, OdometryConfi
     about = (
         "Inertial filter and odometer without a map, GPS denied, no hover. Drift: mean horizontal error of segments of "
         "the path relative to their beginnings, position and heading, over their lengths (KITTI style, never scaled); "
-        "rms: unaligned error, which a heading that is wrong from the start dominates."
+        "rms: unaligned error, in which a heading that is wrong from the start counts."
     )
     flown = tuple(FlownRow(row, change, flying, _without_map(config)) for row, change, config in rows)
     return Study(name, title, about, flown, columns, "drift", "drift, share of the distance", lengths)
