@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -50,3 +51,11 @@ def test_list_names_every_study() -> None:
 
     assert status == 0
     assert "ladder" in said
+
+
+def test_the_console_command_has_it() -> None:
+    """Commands are found by entry points, which name a function by text."""
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())
+    commands = project["project"]["entry-points"]["pilotage.commands"]
+
+    assert commands["monte-carlo"] == f"{register.__module__}:{register.__name__}"
