@@ -130,6 +130,25 @@ class InertialTrack:
         return reading[:3], reading[3:]
 
 
+class SampleRate:
+    """How often samples of one kind have come lately."""
+
+    def __init__(self) -> None:
+        self._t_us: list[int] = []
+
+    def note(self, t_us: int) -> None:
+        """One has come."""
+        self._t_us.append(t_us)
+        del self._t_us[:-20]
+
+    def hz(self, t_us: int, timeout_s: float) -> float:
+        """Their rate at a time; zero before the tenth, and when the last one is older than ``timeout_s``."""
+        times = self._t_us
+        if len(times) < 10 or t_us - times[-1] > timeout_s * 1e6:
+            return 0.0
+        return (len(times) - 1) / max((times[-1] - times[0]) / 1e6, 1e-6)
+
+
 class StateHistory:
     """States over time, interpolated; keeps the last ``keep_s`` seconds."""
 

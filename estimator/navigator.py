@@ -10,26 +10,29 @@ import copy
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimator.ahead import Ahead
-from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, ProcessNoise
-from estimator.filters.initialise import InitialConditions, InitialGuess, aligned
-from estimator.filters.strapdown import EarthModel
+from estimator.filters.eskf import Clone, ErrorStateFilter, Layout
+from estimator.filters.initialise import FirstEstimate, InitialConditions, aligned
+from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, q_multiply, q_normalise
-from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, StateHistory, rotation_between
+from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, SampleRate, StateHistory, rotation_between
 from estimator.measurements import barometer, gnss, heading
 from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal, camera_rotation_jacobian
+from estimator.measurements.global_fix import FoundPose, GlobalFixer
 from estimator.measurements.innovation import Innovation
-from estimator.measurements.map_fix import MapFixConfig, MapFixer
-from estimator.measurements.picture_to_picture import OdometryConfig, VisualOdometry
-from estimator.measurements.video_clock import VideoClock, VideoClockConfig
+from estimator.measurements.map_fix import MapFixer
+from estimator.measurements.picture_to_picture import VisualOdometry
+from estimator.measurements.video_clock import VideoClock
+from estimator.navigator_config import GROUPS, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
-from estimator.registration.alignment import MatcherConfig, Registrar
+from estimator.registration.alignment import Registrar
+from estimator.snapshot import Given, horizontal_std_m, snapshot
 from estimator.types import (
     AttitudeSample,
     BarometerSample,
@@ -48,41 +51,7 @@ from estimator.types import (
 )  # fmt: skip
 
 Outlook = Callable[[int, Sequence[Sample]], NavigationState | None]
-GROUPS = (
-    "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
-)  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class NavigatorConfig:
-    """How the navigator works; the defaults suit a small aircraft with consumer sensors."""
-
-    groups: tuple[str, ...] = GROUPS
-    noise: ProcessNoise = field(default_factory=ProcessNoise)
-    initial: InitialGuess = field(default_factory=InitialGuess)
-    matcher: MatcherConfig = field(default_factory=MatcherConfig)
-    map_fix: MapFixConfig = field(default_factory=MapFixConfig)
-    odometry: OdometryConfig = field(default_factory=OdometryConfig)
-    video_clock: VideoClockConfig = field(default_factory=VideoClockConfig)
-    find_video_offset: bool = False
-    use_inertial: bool = True
-    fix_interval_s: float = 0.4
-    history_s: float = 120.0
-    barometer_std_m: float = 0.5
-    barometer_interval_s: float = 0.18
-    reported_attitude_std_rad: float = 0.005
-    reported_attitude_interval_s: float = 0.18
-    gnss_interval_s: float = 0.9
-    gnss_min_std_m: float = 1.5
-    gnss_height_time_s: float = 30.0
-    min_inertial_hz: float = 18.0
-    inertial_timeout_s: float = 0.5
-    inertial_delay_s: float = 0.010
-    lost_std_m: float = 100.0
-    vision_timeout_s: float = 6.0
-    vision_std_m: float = 12.0
-    gnss_timeout_s: float = 2.5
+__all__ = ["GROUPS", "Navigator", "NavigatorConfig", "Outlook"]
 
 
 class Navigator:
@@ -113,16 +82,23 @@ class Navigator:
         self._eskf: ErrorStateFilter | None = None
         self._earth = EarthModel.at(frame.lat_rad, frame.alt_m)
         self._odometry = VisualOdometry(camera, config.odometry)
-        self._fixer = None
+        self._fixer: MapFixer | None = None
+        self._search: GlobalFixer | None = None
+        self._searching = False
+        self._pressure_alt_m: float | None = None
+        self._turn = np.array([1.0, 0.0, 0.0, 0.0])  # takes the reported attitude to the true one, about the vertical
         if reference is not None:
-            self._fixer = MapFixer(Registrar(camera, reference, ground, frame.alt_m, config.matcher), config.map_fix)
+            registrar = Registrar(camera, reference, ground, frame.alt_m, config.matcher)
+            self._fixer = MapFixer(registrar, config.map_fix)
+            if config.global_fix.enabled:
+                self._search = GlobalFixer(camera, reference, ground, frame.alt_m, config.global_fix)
         self._video_clock = VideoClock(camera, mount, gimbal, config.video_clock) if config.find_video_offset else None
         self._video_epoch: int | None = None
         self._video_stamped = False
         self._clock_s = clock_s
         self._t_us = 0
         self._inertial = InertialTrack(config.inertial_delay_s)
-        self._inertial_times_us: list[int] = []
+        self._inertial_rate = SampleRate()
         self._last_us = dict.fromkeys(("fix", "try", "gnss", "barometer", "attitude"), -(10**15))
         self._counts: dict[str, int] = {}
         self.stage_seconds: dict[str, float] = {"odometry": 0.0, "registration": 0.0, "inertial": 0.0}
@@ -139,8 +115,11 @@ class Navigator:
 
     @property
     def waiting_for(self) -> str | None:
-        """What alignment still lacks, None once the filter runs."""
-        return None if self._eskf is not None else self._initial.missing()
+        """What alignment still lacks, or how the search for a lost position stands; None while the position is held."""
+        searching = self._search.words if self._search is not None and self._searching else None
+        if self._eskf is not None or searching is None:
+            return searching if self._eskf is not None else self._initial.missing()
+        return f"{self._initial.missing()}; {searching}"
 
     @property
     def video_clock(self) -> VideoClock | None:
@@ -266,7 +245,7 @@ class Navigator:
             self._align(sample)
             return None
         if isinstance(sample, InertialSample):
-            self._note_inertial(sample)
+            self._inertial_rate.note(sample.t_us)
         self._predict_to(sample.t_us)
         report = None
         match sample:
@@ -279,6 +258,7 @@ class Navigator:
             case FrameSample():
                 with self.while_busy(self.outlook()):
                     report = self._fuse_frame(sample)
+                    self._search_while_lost(sample)
             case _:
                 pass
         if isinstance(sample, FrameSample | AttitudeSample | GnssSample):
@@ -288,28 +268,66 @@ class Navigator:
     def _align(self, sample: Sample) -> None:
         self._initial.offer(sample)
         if isinstance(sample, InertialSample):
-            self._note_inertial(sample)
-        guess = self._initial.ready(sample.t_us)
-        if guess is None:
-            return
-        nominal, P = aligned(guess, Layout.of(self.config.groups), self._guess, self.config.noise)
-        layout = Layout.of(self.config.groups)
-        self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
-        self._t_us = sample.t_us
+            self._inertial_rate.note(sample.t_us)
+        if isinstance(sample, BarometerSample):
+            self._pressure_alt_m = sample.pressure_alt_m
+        first = self._initial.ready(sample.t_us)
+        if first is not None:
+            self._start(first, sample.t_us)
+        elif isinstance(sample, FrameSample) and self._initial.lacks_only_place(sample.t_us):
+            with self.while_busy(self.outlook()):
+                self._search_map(sample)
 
-    def _note_inertial(self, sample: InertialSample) -> None:
-        self._inertial_times_us.append(sample.t_us)
-        del self._inertial_times_us[:-20]
+    def _start(self, first: FirstEstimate, t_us: int) -> None:
+        layout = Layout.of(self.config.groups)
+        nominal, P = aligned(first, layout, self._guess, self.config.noise)
+        self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
+        self._t_us = t_us
+        self._searching = False
+
+    def _search_map(self, sample: FrameSample) -> bool:
+        """Look for the picture on the whole map; True when that has (re)started the filter."""
+        reported = self._attitudes.at(sample.t_us)
+        unclocked = self._video_clock is not None and not sample.stamped and not self._video_clock.settled
+        if self._search is None or reported is None or self._pressure_alt_m is None or unclocked:
+            return False
+        if not self._searching:
+            self._search.restart()
+            self._searching = True
+        started = self._clock_s()
+        camera = self._camera_attitude.at(sample.t_us, reported, np.zeros(3), turned=False)
+        found = self._search.offer(sample.t_us, _grey(sample.image), camera.ned_from_camera, self._pressure_alt_m)
+        self.stage_seconds["search"] = self.stage_seconds.get("search", 0.0) + self._clock_s() - started
+        if found is not None:
+            self._start_at(found, reported, self._pressure_alt_m)
+        return found is not None
+
+    def _start_at(self, found: FoundPose, reported: Float, pressure_alt_m: float) -> None:
+        self._turn = q_from_rotvec(np.array([0.0, 0.0, found.turn_rad]))
+        self._camera_attitude.turn_rad = found.turn_rad
+        q = q_normalise(q_multiply(self._turn, reported))
+        pos = found.pos_ned_m - matrix_from_q(q) @ self._camera_attitude.lever_arm_frd_m
+        alt_m = self.frame.alt_m - float(pos[2])
+        first = FirstEstimate(
+            Motion(pos, found.vel_ned_m_s, q), found.pos_std_m, np.full(3, found.vel_std_m_s), pressure_alt_m - alt_m,
+            float(found.pos_std_m[2]),
+        )  # fmt: skip
+        self._start(first, found.t_us)
+        if self._fixer is not None:
+            self._fixer = MapFixer(self._fixer.registrar, self.config.map_fix)
+        self._odometry = VisualOdometry(self.camera, self.config.odometry)
+        self._last_us["accepted"] = found.t_us
+
+    def _reported_at(self, t_us: int) -> Float | None:
+        """The reported attitude, its heading set right where a search has found it to be wrong."""
+        reported = self._attitudes.at(t_us)
+        return None if reported is None else q_multiply(self._turn, reported)
 
     def _process_model(self) -> str:
         """``inertial`` where gyroscopes and accelerometers arrive often enough, else ``attitude``."""
-        times = self._inertial_times_us
-        if not self.config.use_inertial or len(times) < 10:
-            return "attitude"
-        if self._t_us - times[-1] > self.config.inertial_timeout_s * 1e6:
-            return "attitude"
-        rate_hz = (len(times) - 1) / max((times[-1] - times[0]) / 1e6, 1e-6)
-        return "inertial" if rate_hz >= self.config.min_inertial_hz else "attitude"
+        rate_hz = self._inertial_rate.hz(self._t_us, self.config.inertial_timeout_s)
+        often = self.config.use_inertial and rate_hz >= self.config.min_inertial_hz
+        return "inertial" if often else "attitude"
 
     def _predict_to(self, t_us: int) -> None:
         eskf = self._eskf
@@ -328,8 +346,7 @@ class Navigator:
         self.stage_seconds["inertial"] += self._clock_s() - started
 
     def _predict_attitude_driven(self, eskf: ErrorStateFilter, t_us: int, dt_s: float) -> None:
-        reported = self._attitudes.at(t_us)
-        before = self._attitudes.at(self._t_us)
+        reported, before = self._reported_at(t_us), self._reported_at(self._t_us)
         q_now = eskf.nominal.motion.q_ned_from_body
         noise = self.config.noise
         if reported is not None and before is not None:
@@ -354,6 +371,7 @@ class Navigator:
         return accepted
 
     def _fuse_barometer(self, sample: BarometerSample) -> None:
+        self._pressure_alt_m = sample.pressure_alt_m
         if self._eskf is not None and self._due("barometer", sample.t_us, self.config.barometer_interval_s):
             std = self.config.barometer_std_m
             innovation = barometer.pressure_altitude(self._eskf, sample.pressure_alt_m, self.frame.alt_m, std)
@@ -376,7 +394,8 @@ class Navigator:
             return
         if self._due("attitude", sample.t_us, self.config.reported_attitude_interval_s):
             std = self.config.reported_attitude_std_rad
-            self._apply("attitude", heading.reported_attitude(self._eskf, sample.q_ned_from_body, std), 6.0)
+            q = q_multiply(self._turn, sample.q_ned_from_body)
+            self._apply("attitude", heading.reported_attitude(self._eskf, q, std), 6.0)
 
     def _camera_now(self, eskf: ErrorStateFilter) -> tuple[CameraAttitude, Float]:
         motion = eskf.nominal.motion
@@ -426,16 +445,25 @@ class Navigator:
         self.stage_seconds["registration"] += self._clock_s() - started
         return report
 
+    def _search_while_lost(self, sample: FrameSample) -> None:
+        eskf = self._eskf
+        if eskf is None or self._search is None:
+            return
+        if self._mode(eskf, sample.t_us, self._is_lost(eskf)) is Mode.LOST:
+            self._search_map(sample)
+        else:
+            self._searching = False
+
     def _ground_down(self, pos_ned_m: Float) -> float:
         down = float(self._down_at(pos_ned_m[0:1], pos_ned_m[1:2])[0])
         return down if np.isfinite(down) else float("nan")
 
     def _is_lost(self, eskf: ErrorStateFilter) -> bool:
-        uncertain = _horizontal_std_m(eskf) > self.config.vision_std_m
+        uncertain = horizontal_std_m(eskf) > self.config.vision_std_m
         return uncertain and self._fixer is not None and self._fixer.lost_probability > 0.5
 
     def _mode(self, eskf: ErrorStateFilter, t_us: int, lost: bool) -> Mode:
-        std = _horizontal_std_m(eskf)
+        std = horizontal_std_m(eskf)
         if t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied:
             return Mode.GPS
         if std > self.config.lost_std_m or lost:
@@ -451,43 +479,18 @@ class Navigator:
 
     def _snapshot(self, eskf: ErrorStateFilter, t_us: int, lost: bool | None = None) -> NavigationState:
         lost = self._is_lost(eskf) if lost is None else lost
-        motion = eskf.nominal.motion
-        lat, lon, alt = self.frame.geodetic_from_ned(motion.pos_ned_m)
-        camera = self._camera_attitude.at(t_us, motion.q_ned_from_body, eskf.nominal.boresight_rad)
-        T = np.vstack((eskf.layout.jacobian(3, position=np.eye(3)), camera_rotation_jacobian(camera, eskf)))
-        ground_down = self._ground_down(motion.pos_ned_m)
-        has_boresight = eskf.layout.has("boresight")
-        return NavigationState(
-            t_us=t_us,
-            mode=self._mode(eskf, t_us, lost),
-            process_model=self._process_model(),
-            lat_rad=float(lat),
-            lon_rad=float(lon),
-            alt_amsl_m=float(alt),
-            alt_agl_m=float(ground_down - motion.pos_ned_m[2]),
-            pos_ned_m=motion.pos_ned_m.copy(),
-            vel_ned_m_s=motion.vel_ned_m_s.copy(),
-            q_ned_from_body=motion.q_ned_from_body.copy(),
-            q_ned_from_camera=q_from_matrix(camera.ned_from_camera),
-            cov_pos_ned_m2=eskf.cov("position"),
-            cov_vel_ned_m2_s2=eskf.cov("velocity"),
-            cov_attitude_rad2=eskf.cov("attitude"),
-            cov_camera_pose=T @ eskf.P @ T.T,
-            last_fix_age_s=self._fix_age_s(t_us),
-            boresight_rad=eskf.nominal.boresight_rad.copy() if has_boresight else None,
-            cov_boresight_rad2=eskf.cov("boresight") if has_boresight else None,
-            video_offset=self.video_offset,
+        q = eskf.nominal.motion.q_ned_from_body
+        camera = self._camera_attitude.at(t_us, q, eskf.nominal.boresight_rad)
+        given = Given(
+            t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset
         )
+        return snapshot(eskf, given, self.frame, camera, self._ground_down(eskf.nominal.motion.pos_ned_m))
 
 
 def _copied(eskf: ErrorStateFilter) -> ErrorStateFilter:
     copied = copy.copy(eskf)
     copied.P = eskf.P.copy()
     return copied
-
-
-def _horizontal_std_m(eskf: ErrorStateFilter) -> float:
-    return float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
 
 
 def _grey(image: Image) -> Image:

@@ -46,6 +46,10 @@ class ReferenceMap(Protocol):
     def gsd_m(self) -> float:
         """Ground sample distance, metres per pixel."""
 
+    @property
+    def bounds_ne_m(self) -> tuple[float, float, float, float]:
+        """The rectangle that holds all imagery: least north, least east, greatest north, greatest east."""
+
     def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> MapWindow:
         """The imagery of a rectangle; what lies off the map is invalid."""
 

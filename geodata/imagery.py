@@ -59,6 +59,13 @@ class ImageryGrid:
     east_min_m: float
     gsd_m: float
 
+    @property
+    def bounds_ne_m(self) -> tuple[float, float, float, float]:
+        """First and last pixel centres: least north, least east, greatest north, greatest east."""
+        rows, cols = self.image.shape
+        south, east = self.north_max_m - (rows - 1) * self.gsd_m, self.east_min_m + (cols - 1) * self.gsd_m
+        return south, self.east_min_m, self.north_max_m, east
+
     def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> ImageryGrid:
         """The pixels that cover a rectangle, on this grid's own lattice; what lies off the map is invalid.
 

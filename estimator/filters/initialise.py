@@ -96,6 +96,14 @@ class InitialConditions:
             return f"a satellite fix, or {self._guess.patience_s:g} s without one to start from the given position"
         return " and ".join(lacking)
 
+    def lacks_only_place(self, t_us: int) -> bool:
+        """Whether attitude and barometer are there, the patience is over, and no position has come at all."""
+        if self._attitude is None or not self._barometer or self._first_t_us is None:
+            return False
+        given = self._home is not None or (self._guess.lat_rad is not None and self._guess.lon_rad is not None)
+        waited = t_us - self._first_t_us >= self._guess.patience_s * 1e6
+        return waited and not given and not self._has_fresh_fix(t_us)
+
     def _has_fresh_fix(self, t_us: int) -> bool:
         return self._gnss is not None and t_us - self._gnss.t_us < FIX_SERVES_US
 

@@ -43,6 +43,7 @@ class CameraAttitudeModel:
         self._gimbal = gimbal
         self._reports = AttitudeTrack()
         self._yaw_is_earth = True
+        self.turn_rad = 0.0  # about the vertical, from headings as the vehicle has them to true ones
 
     def offer(self, sample: CameraAttitudeSample) -> None:
         """Take a report of the gimbal; a fixed camera ignores it."""
@@ -55,8 +56,11 @@ class CameraAttitudeModel:
         """Position of the camera in body axes (3,)."""
         return self._mount.lever_arm_frd_m
 
-    def at(self, t_us: int, q_ned_from_body: Float, boresight_rad: Float) -> CameraAttitude:
-        """The camera's attitude at a time, with the estimated misalignment (3,) in the mount's axes applied."""
+    def at(self, t_us: int, q_ned_from_body: Float, boresight_rad: Float, *, turned: bool = True) -> CameraAttitude:
+        """The camera's attitude at a time, with the estimated misalignment (3,) in the mount's axes applied.
+
+        Where the gimbal reports a heading it is turned by ``turn_rad`` unless ``turned`` is False.
+        """
         misalignment = matrix_from_q(q_from_rotvec(boresight_rad))
         if self._gimbal is Gimbal.FIXED:
             ned_from_body = matrix_from_q(q_ned_from_body)
@@ -71,6 +75,8 @@ class CameraAttitudeModel:
         ned_from_gimbal = matrix_from_q(report)
         if not self._yaw_is_earth:
             ned_from_gimbal = level @ ned_from_gimbal
+        elif turned and self.turn_rad != 0.0:
+            ned_from_gimbal = matrix_from_q(q_from_rotvec(np.array([0.0, 0.0, self.turn_rad]))) @ ned_from_gimbal
         by_attitude = np.zeros((3, 3)) if self._yaw_is_earth else yaw_only
         return CameraAttitude(ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA, by_attitude, ned_from_gimbal)
 

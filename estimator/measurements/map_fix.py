@@ -114,6 +114,11 @@ class MapFixer:
         self.rejected_in_row = 0
 
     @property
+    def registrar(self) -> Registrar:
+        """What it registers pictures with."""
+        return self._registrar
+
+    @property
     def lost_probability(self) -> float:
         """Probability that the vehicle is not where the density looks."""
         return self._density.lost_probability if self._density is not None else 0.0

@@ -26,6 +26,7 @@ class PaintedMap:
     """A square of 400 m about the origin in metre pixels, from a picture (1601, 1601) of quarter metres."""
 
     gsd_m = 1.0
+    bounds_ne_m = (-200.0, -200.0, 200.0, 200.0)
 
     def __init__(self, fine: np.ndarray) -> None:
         self._fine = cv2.GaussianBlur(fine, (0, 0), 2.0)

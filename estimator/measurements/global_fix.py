@@ -1,0 +1,335 @@
+"""Where the aircraft is, from nothing: a search of the whole map, then proof on fresh ground.
+
+Pictures are laid out into a mosaic (`odometry.mosaic`), which is searched on the map over all headings and a range of
+scales (`registration.global_search`), a bounded amount of work with each picture. What stands out there is only a
+candidate. It says where ground that is seen later, and that took no part in the search, must lie on the map: a
+sequential probability ratio test (Wald 1945) over such pieces of ground accepts it or drops it. Until then the answer
+is "lost".
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from estimator.geometry.camera import Camera
+from estimator.odometry.mosaic import Mosaic, MosaicConfig, MosaicOdometry, MosaicPose
+from estimator.ports import GroundModel, ReferenceMap
+from estimator.registration.global_search import (
+    CoarseMap,
+    Place,
+    SearchConfig,
+    Slice,
+    Sweep,
+    main_mode,
+    slices,
+    template_of,
+)
+from estimator.types import Float, Image
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalFixConfig:
+    """When to search, how much at a time, and what to believe.
+
+    A search begins ``min_way_m`` after the mosaic and again every ``again_way_m``. Work is rationed in transformed
+    cells a second of flight, ``cells_per_s``, of which one picture may take ``max_share_s`` seconds' worth. The height
+    above ground is the barometer's, to ``height_std_m``, over the map's ground. A candidate must hold ``min_mode`` of
+    the probability. It is tested every ``fresh_way_m`` on the ground seen since, within ``reach_m`` of where it must
+    be, and accepted with a log likelihood ratio of ``accept_log_ratio`` from at least ``min_places`` pieces in a row
+    that spoke for it, each with ``max_log_ratio`` at the most; at ``reject_log_ratio`` it is dropped. The standard
+    deviations are those of the pose then.
+    """
+
+    enabled: bool = True
+    mosaic: MosaicConfig = field(default_factory=MosaicConfig)
+    search: SearchConfig = field(default_factory=SearchConfig)
+    min_way_m: float = 220.0
+    again_way_m: float = 80.0
+    cells_per_s: float = 5.0e7
+    max_share_s: float = 0.2
+    height_std_m: float = 30.0
+    min_height_m: float = 20.0
+    min_mode: float = 0.99
+    mode_radius_m: float = 30.0
+    mode_angle_rad: float = 0.15
+    fresh_way_m: float = 120.0
+    reach_m: float = 16.0
+    accept_log_ratio: float = 9.0
+    max_log_ratio: float = 7.0
+    reject_log_ratio: float = -3.0
+    min_places: int = 2
+    position_std_m: float = 5.0
+    heading_std_rad: float = 0.03
+    height_std_share: float = 0.04
+    velocity_std_m_s: float = 1.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoundPose:
+    """Where the camera is at ``t_us``: position NED (3,) and its standard deviations (3,), velocity (3,) and its.
+
+    ``turn_rad`` takes the reported headings to true ones, to ``turn_std_rad``.
+    """
+
+    t_us: int
+    pos_ned_m: Float
+    pos_std_m: Float
+    vel_ned_m_s: Float
+    vel_std_m_s: float
+    turn_rad: float
+    turn_std_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    """Ties the mosaic's frame to the local frame: true = anchor + scale Rot(turn) (mosaic - mosaic anchor).
+
+    ``strength`` is the height of the peak in deviations of the clutter over the root of its ground in square metres;
+    ``seen`` is all the ground that has been used.
+    """
+
+    anchor_ne_m: Float
+    anchor_mosaic_m: Float
+    turn_rad: float
+    scale: float
+    strength: float
+    seen: Mosaic
+    from_way_m: float
+    log_ratio: float = 0.0
+    places: int = 0
+
+    def ne_m(self, mosaic_m: Float) -> Float:
+        """North and east (2,) of a place of the mosaic (2,)."""
+        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
+        turned = np.array([[cos, -sin], [sin, cos]]) @ (mosaic_m - self.anchor_mosaic_m)
+        place: Float = self.anchor_ne_m + self.scale * turned
+        return place
+
+
+class GlobalFixer:
+    """Finds the aircraft on the map from pictures, attitude with any heading, and pressure altitude."""
+
+    def __init__(
+        self, camera: Camera, reference: ReferenceMap, ground: GroundModel, origin_alt_amsl_m: float,
+        config: GlobalFixConfig | None = None,
+    ) -> None:  # fmt: skip
+        self.config = config or GlobalFixConfig()
+        self._camera = camera
+        self._reference = reference
+        self._ground = ground
+        self._origin_alt_m = origin_alt_amsl_m
+        self._coarse: CoarseMap | None = None
+        self._odometry: MosaicOdometry | None = None
+        self._parts = 0
+        self._sweep: Sweep | None = None
+        self._sweep_mosaic: Mosaic | None = None
+        self._sweep_height_m = 0.0
+        self._searched_way_m = -np.inf
+        self._credit = 0.0
+        self._last_us: int | None = None
+        self._candidate: _Candidate | None = None
+        self._trail: list[MosaicPose] = []
+        self._begun_alt_m = 0.0
+        self.hypotheses: int | None = None
+
+    @property
+    def words(self) -> str:
+        """What it is doing, for people."""
+        if self._candidate is not None:
+            return f"searching the map: checking one place on fresh ground ({self._candidate.places} pieces agree)"
+        if self.hypotheses is None:
+            way_m = 0.0 if self._odometry is None else self._odometry.way_m
+            if self._sweep is None:
+                return f"searching the map: {way_m:.0f} of {self.config.min_way_m:.0f} m of ground seen"
+            return f"searching the map: {100.0 * self._sweep.progress:.0f} % of it looked at"
+        return f"searching the map: {self.hypotheses} hypotheses"
+
+    def restart(self) -> None:
+        """Forget what was seen; the map is kept."""
+        if self._odometry is not None:
+            self._odometry.restart()
+        self._forget()
+
+    def _forget(self) -> None:
+        self._sweep = None
+        self._candidate = None
+        self._searched_way_m = -np.inf
+        self._trail.clear()
+        self.hypotheses = None
+
+    def offer(self, t_us: int, image: Image, level_from_camera: Float, pressure_alt_m: float) -> FoundPose | None:
+        """Use a grey picture; the camera's rotation may be off by any turn about the vertical."""
+        if self._coarse is None or self._odometry is None:
+            self._coarse = CoarseMap(self._reference, self.config.search)
+            self._odometry = MosaicOdometry(self._camera, self._coarse.fine_gsd_m, self.config.mosaic)
+        height_m = max(pressure_alt_m - self._mean_ground()[0], self.config.min_height_m)
+        before = self._odometry.pose
+        if not self._odometry.offer(t_us, image, level_from_camera, height_m):
+            self._work(t_us)
+            return None
+        if self._odometry.parts != self._parts or before is None:
+            self._parts = self._odometry.parts
+            self._forget()
+            self._begun_alt_m = pressure_alt_m
+        pose = self._odometry.pose
+        if pose is None:
+            return None
+        self._trail.append(pose)
+        del self._trail[:-8]
+        if self._candidate is not None:
+            return self._check(self._candidate, pose)
+        self._work(t_us)
+        return None
+
+    def _work(self, t_us: int) -> None:
+        """Search on, as far as the time that has passed pays for."""
+        config = self.config
+        elapsed_s = 0.0 if self._last_us is None else max(t_us - self._last_us, 0) / 1e6
+        self._last_us = t_us
+        self._credit = min(self._credit + elapsed_s * config.cells_per_s, config.max_share_s * config.cells_per_s)
+        if self._candidate is not None:
+            return
+        if self._sweep is None:
+            self._begin_sweep()
+        while self._sweep is not None and self._credit >= min(
+            self._sweep.cells, config.max_share_s * config.cells_per_s
+        ):
+            self._credit -= self._sweep.cells
+            self._sweep.step()
+            if self._sweep.done:
+                self._conclude(self._sweep)
+                self._sweep = None
+
+    def _begin_sweep(self) -> None:
+        odometry, coarse, config = self._odometry, self._coarse, self.config
+        if odometry is None or coarse is None or odometry.pose is None:
+            return
+        if odometry.way_m < max(config.min_way_m, self._searched_way_m + config.again_way_m):
+            return
+        mosaic = odometry.mosaic()
+        if mosaic is None:
+            return
+        template = template_of(mosaic.image, mosaic.known, mosaic.gsd_m, coarse.cell_m, config.search)
+        ground_m, relief_m = self._mean_ground()
+        nominal_m = max(self._begun_alt_m - ground_m, config.min_height_m)
+        reach_m = 2.0 * float(np.hypot(config.height_std_m, relief_m))
+        low = max(self._begun_alt_m - ground_m - reach_m, 0.4 * nominal_m)
+        high = max(self._begun_alt_m - ground_m + reach_m, low * 1.1)
+        todo = slices(template, coarse.cell_m, (low / nominal_m, high / nominal_m), config.search)
+        self._sweep = Sweep(coarse, template, todo, config.search)
+        self._sweep_mosaic = mosaic
+        self._sweep_height_m = nominal_m
+        self._searched_way_m = odometry.way_m
+
+    def _conclude(self, sweep: Sweep) -> None:
+        config = self.config
+        places, _ = sweep.places(self._log_height_prior)
+        if not places:
+            self.hypotheses = 0
+            return
+        self.hypotheses = _distinct(places, config.mode_radius_m)
+        best = places[0]
+        mosaic = self._sweep_mosaic
+        if mosaic is None or main_mode(places, config.mode_radius_m, config.mode_angle_rad) < config.min_mode:
+            return
+        self._candidate = _Candidate(
+            best.centre_ne_m, _centre_m(mosaic, sweep.template.centre_px), best.heading_rad, best.scale,
+            best.height_sigmas / float(np.sqrt(mosaic.area_m2)), mosaic, self._searched_way_m,
+        )  # fmt: skip
+
+    def _log_height_prior(self, centre_ne_m: Float, scale: Float) -> Float:
+        """What the barometer says of heights above the ground of places (n, 2), scales (n,)."""
+        ground_m = self._ground.alt_amsl_m(centre_ne_m[:, 0], centre_ne_m[:, 1])
+        off_m = self._begun_alt_m - ground_m - scale * self._sweep_height_m
+        prior: Float = -0.5 * np.square(np.nan_to_num(off_m) / self.config.height_std_m)
+        return prior
+
+    def _mean_ground(self) -> tuple[float, float]:
+        """Mean and standard deviation of the map's ground, AMSL."""
+        south, west, north, east = self._reference.bounds_ne_m
+        n, e = np.meshgrid(np.linspace(south, north, 15), np.linspace(west, east, 15))
+        alt = self._ground.alt_amsl_m(n.ravel(), e.ravel())
+        alt = alt[np.isfinite(alt)]
+        return (float(alt.mean()), float(alt.std())) if alt.size else (self._origin_alt_m, 0.0)
+
+    def _down_at(self, north_m: float, east_m: float) -> float:
+        alt_m = float(self._ground.alt_amsl_m(np.array([north_m]), np.array([east_m]))[0])
+        return self._origin_alt_m - (alt_m if np.isfinite(alt_m) else self._mean_ground()[0])
+
+    def _check(self, candidate: _Candidate, now: MosaicPose) -> FoundPose | None:
+        """Test a candidate on the ground seen since; the pose where that is proof enough."""
+        odometry, config = self._odometry, self.config
+        if odometry is None or odometry.way_m < candidate.from_way_m + config.fresh_way_m:
+            return None
+        recent = odometry.mosaic(candidate.from_way_m)
+        whole = odometry.mosaic()
+        if recent is None or whole is None:
+            return None
+        candidate = replace(candidate, from_way_m=odometry.way_m)
+        self._candidate = candidate
+        fresh = recent.without(candidate.seen)
+        if fresh.area_m2 < 0.3 * config.fresh_way_m * now.height_m:
+            return None
+        tested = self._tested(candidate, fresh)
+        if tested is None or tested.log_ratio <= config.reject_log_ratio:
+            self._candidate = None
+            return None
+        self._candidate = replace(tested, seen=whole)
+        if tested.log_ratio < config.accept_log_ratio or tested.places < config.min_places:
+            return None
+        return self._found(tested, now)
+
+    def _tested(self, candidate: _Candidate, fresh: Mosaic) -> _Candidate | None:
+        """The candidate with what a piece of ground says of it, moved to where the piece lies; None off the map."""
+        coarse, config = self._coarse, self.config
+        if coarse is None:
+            return None
+        template = template_of(fresh.image, fresh.known, fresh.gsd_m, coarse.cell_m, config.search)
+        what = Slice(candidate.turn_rad, candidate.scale)
+        centre_m = _centre_m(fresh, template.centre_px)
+        place = Sweep(coarse, template, [what], config.search).best_near(what, candidate.ne_m(centre_m), config.reach_m)
+        if place is None:
+            return None
+        expected = candidate.strength * float(np.sqrt(fresh.area_m2))
+        gain = config.search.temperature * (expected * place.height_sigmas - 0.5 * expected**2)
+        gain = min(gain, config.max_log_ratio)
+        tested = replace(
+            candidate, log_ratio=candidate.log_ratio + gain, places=candidate.places + 1 if gain > 0.0 else 0
+        )
+        if gain <= 0.0:
+            return tested
+        return replace(tested, anchor_ne_m=place.centre_ne_m, anchor_mosaic_m=centre_m)
+
+    def _found(self, candidate: _Candidate, now: MosaicPose) -> FoundPose | None:
+        config = self.config
+        ne = candidate.ne_m(now.pos_m)
+        height_m = candidate.scale * now.height_m
+        down = self._down_at(float(ne[0]), float(ne[1]))
+        past = next(pose for pose in self._trail if now.t_us - pose.t_us <= 1_500_000)
+        velocity = np.zeros(3)
+        if past.t_us < now.t_us:
+            velocity[:2] = (ne - candidate.ne_m(past.pos_m)) / ((now.t_us - past.t_us) / 1e6)
+        std = np.array([config.position_std_m, config.position_std_m, config.height_std_share * height_m])
+        return FoundPose(
+            now.t_us, np.array([ne[0], ne[1], down - height_m]), std, velocity, config.velocity_std_m_s,
+            candidate.turn_rad, config.heading_std_rad,
+        )  # fmt: skip
+
+
+def _centre_m(mosaic: Mosaic, centre_px: Float) -> Float:
+    """A pixel's place (2,) in the mosaic's frame."""
+    place: Float = mosaic.first_m + mosaic.gsd_m * centre_px * np.array([-1.0, 1.0])
+    return place
+
+
+def _distinct(places: list[Place], radius_m: float) -> int:
+    """How many places that lie apart hold at least a hundredth of what the best one does."""
+    kept: list[Place] = []
+    for place in places:
+        if place.probability < 0.01 * places[0].probability:
+            break
+        if all(np.hypot(*(place.centre_ne_m - other.centre_ne_m)) > radius_m for other in kept):
+            kept.append(place)
+    return len(kept)

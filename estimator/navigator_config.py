@@ -1,0 +1,50 @@
+"""How the navigator works, all in one place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from estimator.filters.eskf import ProcessNoise
+from estimator.filters.initialise import InitialGuess
+from estimator.measurements.global_fix import GlobalFixConfig
+from estimator.measurements.map_fix import MapFixConfig
+from estimator.measurements.picture_to_picture import OdometryConfig
+from estimator.measurements.video_clock import VideoClockConfig
+from estimator.registration.alignment import MatcherConfig
+
+GROUPS = (
+    "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
+    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorConfig:
+    """How the navigator works; the defaults suit a small aircraft with consumer sensors."""
+
+    groups: tuple[str, ...] = GROUPS
+    noise: ProcessNoise = field(default_factory=ProcessNoise)
+    initial: InitialGuess = field(default_factory=InitialGuess)
+    matcher: MatcherConfig = field(default_factory=MatcherConfig)
+    map_fix: MapFixConfig = field(default_factory=MapFixConfig)
+    global_fix: GlobalFixConfig = field(default_factory=GlobalFixConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    video_clock: VideoClockConfig = field(default_factory=VideoClockConfig)
+    find_video_offset: bool = False
+    use_inertial: bool = True
+    fix_interval_s: float = 0.4
+    history_s: float = 120.0
+    barometer_std_m: float = 0.5
+    barometer_interval_s: float = 0.18
+    reported_attitude_std_rad: float = 0.005
+    reported_attitude_interval_s: float = 0.18
+    gnss_interval_s: float = 0.9
+    gnss_min_std_m: float = 1.5
+    gnss_height_time_s: float = 30.0
+    min_inertial_hz: float = 18.0
+    inertial_timeout_s: float = 0.5
+    inertial_delay_s: float = 0.010
+    lost_std_m: float = 100.0
+    vision_timeout_s: float = 6.0
+    vision_std_m: float = 12.0
+    gnss_timeout_s: float = 2.5

@@ -1,0 +1,420 @@
+"""Search of a whole map for a mosaic of the ground, over all headings and a range of scales.
+
+What is compared is the density of edges: the gradient's magnitude, saturated, at a metre or so, averaged over cells of
+several metres and freed of its slow part. It keeps the fine structure that survives a change of season, has a peak of
+a cell's width that forgives some degrees and per cent, and turns like any picture, so that a heading costs one
+interpolation and two transforms. (Averaging gradients over cells is the idea of the histograms of Dalal and Triggs,
+CVPR 2005, and of CFOG, Ye et al. 2019. ADR 0011 compares channels.)
+
+A template is correlated with the whole map, one heading and scale (a slice) at a time, so that the work can be spread
+over many pictures. Of each slice the highest places are kept, and the highest of all are refined. A surface is signal
+at one place and clutter elsewhere: in units of the clutter's standard deviation, a true peak of z0 makes the log
+likelihood ratio of a place against "not on this map" z0 z - z0^2 / 2 (the matched filter's; Kay, Fundamentals of
+Statistical Signal Processing II, section 4.3), tempered because clutter has heavier tails than a Gaussian.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from estimator.geometry.rotation import wrap_pi
+from estimator.ports import ReferenceMap
+from estimator.types import Float, Image
+
+Float32 = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+MIN_KNOWN_FRACTION = 0.6
+EXCLUDED_CELLS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class SearchConfig:
+    """Resolution and judgement of the search.
+
+    Edges are found at ``fine_gsd_m`` and averaged over cells of ``cell_m``; ``max_cells`` bounds the map's longer side,
+    whose cells are made larger beyond. ``trend_m`` is the wavelength above which edge density is taken for a trend of
+    land use and exposure. ``slack_cells`` is how far a template's rim may be off half-way between two headings or
+    scales, and the ``refined`` highest places are looked at between those. ``temperature`` scales the log likelihood;
+    ``lost_prior`` is the probability, before anything is seen, that the aircraft is not over this map.
+    """
+
+    fine_gsd_m: float = 1.0
+    cell_m: float = 4.0
+    max_cells: int = 1400
+    trend_m: float = 40.0
+    slack_cells: float = 1.5
+    peaks_per_slice: int = 8
+    refined: int = 24
+    temperature: float = 0.5
+    lost_prior: float = 0.5
+
+
+def edge_magnitude(image: Image | Float32, known: Mask) -> Float32:
+    """Saturated gradient magnitude m^2 / (m^2 + k) in [0, 1) of a grey picture, k five times its median where known."""
+    smooth = cv2.GaussianBlur(np.asarray(image, dtype=np.float32), (0, 0), 1.0)
+    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3), cv2.Sobel(smooth, cv2.CV_32F, 0, 1, ksize=3)
+    squared = gx * gx + gy * gy
+    inside = squared[known & (squared > 0.0)]
+    k = 5.0 * float(np.median(inside)) if inside.size else 1.0
+    return np.asarray(squared / (squared + max(k, 1e-3)), dtype=np.float32)
+
+
+def edge_density(magnitude: Float32, known: Mask, cell_px: float, trend_px: float) -> Float32:
+    """Edge magnitude averaged over cells and freed of its trend, still at one value a pixel; zero where not known."""
+    weight = known.astype(np.float32)
+    masked = magnitude * weight
+
+    def mean(sigma: float) -> Float32:
+        total = np.maximum(cv2.GaussianBlur(weight, (0, 0), sigma), 1e-3)
+        return np.asarray(cv2.GaussianBlur(masked, (0, 0), sigma) / total, dtype=np.float32)
+
+    return (mean(0.4 * cell_px) - mean(trend_px)) * weight
+
+
+class CoarseMap:
+    """The whole reference as edge densities on cells."""
+
+    def __init__(self, reference: ReferenceMap, config: SearchConfig) -> None:
+        south, west, north, east = reference.bounds_ne_m
+        extent_m = max(north - south, east - west)
+        self.fine_gsd_m = max(config.fine_gsd_m, reference.gsd_m)
+        per_cell = max(round(max(config.cell_m, extent_m / config.max_cells) / self.fine_gsd_m), 1)
+        self.cell_m = per_cell * self.fine_gsd_m
+        window = reference.window(south, west, north, east)
+        rows, cols = (int(side * window.gsd_m / self.cell_m) for side in window.image.shape)
+        if min(rows, cols) < 8:
+            message = f"the map holds only {rows} x {cols} cells of {self.cell_m:g} m: too small to search"
+            raise ValueError(message)
+        used = round(rows * self.cell_m / window.gsd_m), round(cols * self.cell_m / window.gsd_m)
+        size = cols * per_cell, rows * per_cell
+        image = np.asarray(
+            cv2.resize(window.image[: used[0], : used[1]], size, interpolation=cv2.INTER_AREA), dtype=np.uint8
+        )
+        covered = window.valid[: used[0], : used[1]].astype(np.uint8)
+        known = cv2.erode(cv2.resize(covered, size, interpolation=cv2.INTER_NEAREST), np.ones((5, 5), np.uint8)) > 0
+        density = edge_density(edge_magnitude(image, known), known, float(per_cell), config.trend_m / self.fine_gsd_m)
+        self.density: Float32 = np.asarray(cv2.resize(density, (cols, rows), interpolation=cv2.INTER_AREA))
+        share = cv2.resize(known.astype(np.float32), (cols, rows), interpolation=cv2.INTER_AREA)
+        self.valid: Mask = np.asarray(share > 0.7)
+        self.north_max_m = window.north_max_m + 0.5 * window.gsd_m - 0.5 * self.cell_m
+        self.east_min_m = window.east_min_m - 0.5 * window.gsd_m + 0.5 * self.cell_m
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        rows, cols = self.valid.shape
+        return rows, cols
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Slice:
+    """One hypothesis: the heading that turns the mosaic's frame to north, and true over nominal scale."""
+
+    heading_rad: float
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """One of the highest places: where the mosaic's centre lies, its slice, similarity and share of the probability.
+
+    ``height_sigmas`` is the similarity over its slice's clutter, in the clutter's standard deviations.
+    """
+
+    centre_ne_m: Float
+    heading_rad: float
+    scale: float
+    similarity: float
+    height_sigmas: float
+    probability: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Peak:
+    """A local maximum of a slice's surface, with the clutter there."""
+
+    height: float
+    value: float
+    row: float
+    col: float
+    what: Slice
+    middle: float
+    clutter: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Template:
+    """What is looked for: edge density (rows, cols) and mask on a lattice of ``gsd_m``, about ``centre_px``."""
+
+    density: Float32
+    known: Mask
+    centre_px: Float
+    gsd_m: float
+    radius_m: float
+
+
+def template_of(image: Float32, known: Mask, gsd_m: float, cell_m: float, config: SearchConfig) -> Template:
+    """The template of a mosaic: grey (rows, cols) and where it is known, to be found on cells of ``cell_m``."""
+    rows, cols = np.nonzero(known)
+    centre = np.array([rows.mean(), cols.mean()])
+    away = np.hypot(rows - centre[0], cols - centre[1])
+    weight = known.astype(np.float32)
+    near = cv2.GaussianBlur(image * weight, (0, 0), 4.0) / np.maximum(cv2.GaussianBlur(weight, (0, 0), 4.0), 1e-3)
+    filled = np.asarray(np.where(known, image, near), dtype=np.float32)
+    # gradients at the rim see what was filled in
+    inner: Mask = np.asarray(cv2.erode(known.astype(np.uint8), np.ones((7, 7), np.uint8), borderValue=0) > 0)
+    density = edge_density(edge_magnitude(filled, inner), inner, cell_m / gsd_m, config.trend_m / gsd_m)
+    return Template(density, inner, centre, gsd_m, float(np.quantile(away, 0.9)) * gsd_m)
+
+
+def slices(template: Template, cell_m: float, scales: tuple[float, float], config: SearchConfig) -> list[Slice]:
+    """Headings all around and scales of a range, as finely as the template's size asks for; scales vary fastest."""
+    step = 2.0 * config.slack_cells * cell_m / max(template.radius_m, 1.0)
+    headings = int(np.ceil(2.0 * np.pi / min(step, 0.5)))
+    low, high = scales
+    count = int(np.ceil(np.log(high / low) / min(step, 0.25))) + 1
+    ladder = np.geomspace(low, high, count) if count > 1 else np.array([np.sqrt(low * high)])
+    around = np.arange(headings) * (2.0 * np.pi / headings)
+    return [Slice(float(heading), float(scale)) for heading in around for scale in ladder]
+
+
+class Sweep:
+    """One search of the map, advanced slice by slice."""
+
+    def __init__(self, coarse: CoarseMap, template: Template, todo: list[Slice], config: SearchConfig) -> None:
+        self.config = config
+        self.template = template
+        self._map = coarse
+        self._todo = todo
+        self._next = 0
+        largest = max(s.scale for s in todo)
+        rows, cols = np.nonzero(template.known)
+        away = np.hypot(rows - template.centre_px[0], cols - template.centre_px[1])
+        self._half = int(np.ceil(float(away.max()) * template.gsd_m * largest / coarse.cell_m)) + 1
+        padded = [side + 2 * self._half for side in coarse.shape]
+        self._shape = (fft.next_fast_len(padded[0], real=True), fft.next_fast_len(padded[1], real=True))
+        self._spectrum = fft.rfft2(coarse.density, self._shape)
+        self._energy, self._known = self._surroundings(coarse, template)
+        self._found: list[_Peak] = []
+        self._unrefined: list[_Peak] | None = None
+
+    @staticmethod
+    def _surroundings(coarse: CoarseMap, template: Template) -> tuple[Float32, Mask]:
+        """Mean energy of the map about each cell, and where enough of it is known, over a disc as wide as the template.
+
+        The template's own outline would cost two more transforms a slice, and change little.
+        """
+        sigma = max(0.6 * template.radius_m / coarse.cell_m, 1.0)
+        weight = coarse.valid.astype(np.float32)
+        share = cv2.GaussianBlur(weight, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        energy = cv2.GaussianBlur(coarse.density**2 * weight, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
+        energy = energy / np.maximum(share, 1e-3)
+        floor = 0.15 * float(np.median(energy[coarse.valid])) if coarse.valid.any() else 1.0
+        return np.asarray(np.maximum(energy, floor), dtype=np.float32), np.asarray(share >= MIN_KNOWN_FRACTION)
+
+    @property
+    def done(self) -> bool:
+        """Whether everything has been looked at."""
+        return self._unrefined is not None and not self._unrefined
+
+    @property
+    def progress(self) -> float:
+        """Share of the slices that have been looked at."""
+        return self._next / len(self._todo)
+
+    @property
+    def cells(self) -> int:
+        """Size of one transform, the unit of work of one slice."""
+        return self._shape[0] * self._shape[1]
+
+    def step(self) -> None:
+        """Look at one more slice, or then refine one more place."""
+        if self._next >= len(self._todo):
+            self._refine_next()
+            return
+        what = self._todo[self._next]
+        self._next += 1
+        surface = self.surface(what)
+        if surface is None:
+            return
+        # the same lattice of samples from every slice would see the map's own lines only
+        sampled = surface[self._next % 7 :: 7, self._next % 5 :: 5].ravel()
+        sampled = sampled[sampled > -0.999]
+        if sampled.size < 50:
+            return
+        # in the clutter's own deviations: a smaller scale, which covers less, has more of it
+        middle = float(np.median(sampled))
+        clutter = max(1.4826 * float(np.median(np.abs(sampled - middle))), 1e-4)
+        for value, row, col in _highest(surface, self.config.peaks_per_slice):
+            self._found.append(_Peak((value - middle) / clutter, value, row, col, what, middle, clutter))
+
+    def _refine_next(self) -> None:
+        if self._unrefined is None:
+            self._found.sort(key=lambda peak: -peak.height)
+            self._unrefined = self._found[: self.config.refined]
+            self._found = self._found[self.config.refined :]
+            return
+        if self._unrefined:
+            self._found.append(self._refined(self._unrefined.pop(0)))
+
+    def _refined(self, peak: _Peak, reach: int = 3) -> _Peak:
+        """The best within half a step of heading and scale and a few cells, to a fraction of a cell."""
+        best = peak
+        step = 0.5 * self.config.slack_cells * self._map.cell_m / max(self.template.radius_m, 1.0)
+        for turn in (-step, 0.0, step):
+            for growth in (-step, 0.0, step):
+                what = Slice(peak.what.heading_rad + turn, peak.what.scale * float(np.exp(growth)))
+                tried = self._about(peak, what, reach)
+                if tried is not None and tried.height > best.height:
+                    best = tried
+        return best
+
+    def _about(self, peak: _Peak, what: Slice, reach: int) -> _Peak | None:
+        turned = turned_template(self.template, what, self._map.cell_m, self._half)
+        if turned is None:
+            return None
+        density, pixels = turned
+        around, row, col = self._half + reach, round(peak.row), round(peak.col)
+        padded = np.zeros((2 * around + 1, 2 * around + 1), dtype=np.float32)
+        rows, cols = self._map.shape
+        top, left = max(row - around, 0), max(col - around, 0)
+        bottom, right = min(row + around + 1, rows), min(col + around + 1, cols)
+        inside = self._map.density[top:bottom, left:right]
+        first_r, first_c = top - row + around, left - col + around
+        padded[first_r : first_r + inside.shape[0], first_c : first_c + inside.shape[1]] = inside
+        surface = cv2.matchTemplate(padded, density, cv2.TM_CCORR)
+        own = max(float((density * density).sum()), 1e-6 * pixels)
+        surface = surface / np.sqrt(float(self._energy[row, col]) * pixels * own)
+        r, c = (int(i) for i in np.unravel_index(int(np.argmax(surface)), surface.shape))
+        value = float(surface[r, c])
+        d_r = d_c = 0.0
+        if 0 < r < 2 * reach and 0 < c < 2 * reach:
+            d_r = _vertex(surface[r - 1, c], value, surface[r + 1, c])
+            d_c = _vertex(surface[r, c - 1], value, surface[r, c + 1])
+        height = (value - peak.middle) / peak.clutter
+        return _Peak(height, value, row - reach + r + d_r, col - reach + c + d_c, what, peak.middle, peak.clutter)
+
+    def best_near(self, what: Slice, centre_ne_m: Float, reach_m: float) -> Place | None:
+        """The best place of one slice, and of those half a step beside it, within a reach of where it should be."""
+        row = (self._map.north_max_m - centre_ne_m[0]) / self._map.cell_m
+        col = (centre_ne_m[1] - self._map.east_min_m) / self._map.cell_m
+        rows, cols = self._map.shape
+        if not (0 <= row < rows and 0 <= col < cols):
+            return None
+        surface = self.surface(what)
+        known = None if surface is None else surface[surface > -0.999]
+        if surface is None or known is None or known.size < 50 or surface[int(row), int(col)] <= -0.999:
+            return None
+        middle = float(np.median(known))
+        clutter = max(1.4826 * float(np.median(np.abs(known - middle))), 1e-4)
+        start = _Peak(-np.inf, -1.0, row, col, what, middle, clutter)
+        peak = self._refined(start, max(int(np.ceil(reach_m / self._map.cell_m)), 1))
+        if not np.isfinite(peak.height):
+            return None
+        north_m, east_m = self._map.north_max_m - peak.row * self._map.cell_m, peak.col * self._map.cell_m
+        centre = np.array([north_m, self._map.east_min_m + east_m])
+        return Place(centre, wrap_pi(peak.what.heading_rad), peak.what.scale, peak.value, peak.height)
+
+    def surface(self, what: Slice) -> Float32 | None:
+        """Similarity (rows, cols) with the mosaic's centre at each cell of the map, -1 where too little is known."""
+        turned = turned_template(self.template, what, self._map.cell_m, self._half)
+        if turned is None:
+            return None
+        density, pixels = turned
+        spectrum = np.conj(fft.rfft2(density, self._shape))
+        rows, cols = self._map.shape
+        # entry (i, j) has the template's corner there: its centre is half further on
+        numerator = fft.irfft2(self._spectrum * spectrum, self._shape)
+        centred = np.roll(numerator, (self._half, self._half), (0, 1))[:rows, :cols]
+        own = max(float((density * density).sum()), 1e-6 * pixels)
+        surface = centred / np.sqrt(self._energy * pixels * own)
+        return np.asarray(np.where(self._known, surface, -1.0), dtype=np.float32)
+
+    def places(self, log_prior: Callable[[Float, Float], Float] | None = None) -> tuple[list[Place], float]:
+        """The highest places with their probabilities, the most likely first, and the probability of none of them.
+
+        ``log_prior`` takes centres (n, 2) and scales (n,) to what else speaks for them (n,), at the most zero.
+        """
+        if not self._found:
+            return [], 1.0
+        step_m = self._map.cell_m
+        centres = np.array(
+            [[self._map.north_max_m - p.row * step_m, self._map.east_min_m + p.col * step_m] for p in self._found]
+        )
+        z = np.array([peak.height for peak in self._found])
+        scales = np.array([peak.what.scale for peak in self._found])
+        prior = np.zeros(len(z)) if log_prior is None else log_prior(centres, scales)
+        top_z = max(float(z[np.argmax(z * z.max() * self.config.temperature + prior)]), 0.0)
+        log_ratio = self.config.temperature * (top_z * z - 0.5 * top_z**2) + prior
+        # each kept place stands for the cells of its own peak, of which the whole search holds so many
+        alike = (2 * EXCLUDED_CELLS + 1) ** 2
+        count = max(float(self._map.valid.sum()) * len(self._todo) / alike, 1.0)
+        lost = self.config.lost_prior / (1.0 - self.config.lost_prior)
+        top = max(float(log_ratio.max()), 0.0)
+        mass = np.exp(log_ratio - top) / count
+        none = lost * float(np.exp(-top))
+        total = float(mass.sum()) + none
+        places = [
+            Place(
+                centres[i], wrap_pi(self._found[i].what.heading_rad), self._found[i].what.scale, self._found[i].value,
+                float(z[i]), float(mass[i] / total),
+            )
+            for i in np.argsort(-log_ratio)
+        ]  # fmt: skip
+        return places, none / total
+
+
+def main_mode(places: list[Place], radius_m: float, angle_rad: float) -> float:
+    """Share of the probability of the first place and of those about it."""
+    best = places[0]
+    return sum(
+        place.probability for place in places
+        if np.hypot(*(place.centre_ne_m - best.centre_ne_m)) < radius_m
+        and abs(wrap_pi(place.heading_rad - best.heading_rad)) < angle_rad
+    )  # fmt: skip
+
+
+def turned_template(template: Template, what: Slice, cell_m: float, half: int) -> tuple[Float32, float] | None:
+    """A template turned and scaled onto the map's cells (n, n), n = 2 half + 1, of mean zero; and its area in cells."""
+    cos, sin = np.cos(what.heading_rad), np.sin(what.heading_rad)
+    ratio = cell_m / (template.gsd_m * what.scale)
+    # a place (north, east) of the map's lattice is Rot(-heading) of it in the mosaic; rows run against north
+    turn = ratio * np.array([[cos, sin], [-sin, cos]])
+    row_by, col_by = (turn[0, 0], -turn[0, 1]), (-turn[1, 0], turn[1, 1])
+    matrix = np.array(
+        [
+            [col_by[1], col_by[0], template.centre_px[1] - half * (col_by[0] + col_by[1])],
+            [row_by[1], row_by[0], template.centre_px[0] - half * (row_by[0] + row_by[1])],
+        ]
+    )
+    side = (2 * half + 1, 2 * half + 1)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    density = cv2.warpAffine(template.density, matrix, side, flags=flags)
+    mask = cv2.warpAffine(template.known.astype(np.float32), matrix, side, flags=flags)
+    pixels = float(mask.sum())
+    if pixels < 60.0:
+        return None
+    return np.asarray(density - mask * (float(density.sum()) / pixels), dtype=np.float32), pixels
+
+
+def _highest(surface: Float32, count: int) -> list[tuple[float, int, int]]:
+    """The highest local maxima of a surface: value, row, column."""
+    size = 2 * EXCLUDED_CELLS + 1
+    ridge = cv2.dilate(surface, np.ones((size, size), np.uint8))
+    top = (surface >= ridge) & (surface > 0.0)
+    rows, cols = np.nonzero(top)
+    values = surface[rows, cols]
+    order = np.argsort(-values)[:count]
+    return [(float(values[i]), int(rows[i]), int(cols[i])) for i in order]
+
+
+def _vertex(before: float, at: float, after: float) -> float:
+    curvature = before - 2.0 * at + after
+    return 0.0 if curvature >= -1e-9 else float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5))

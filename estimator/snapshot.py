@@ -1,0 +1,60 @@
+"""The filter's estimate as a state for everybody else."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.geometry.local import LocalFrame
+from estimator.geometry.rotation import q_from_matrix
+from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
+from estimator.types import Mode, NavigationState, VideoOffset
+
+
+@dataclass(frozen=True, slots=True)
+class Given:
+    """What the navigator knows beside the filter."""
+
+    t_us: int
+    mode: Mode
+    process_model: str
+    last_fix_age_s: float
+    video_offset: VideoOffset
+
+
+def snapshot(
+    eskf: ErrorStateFilter, given: Given, frame: LocalFrame, camera: CameraAttitude, ground_down_m: float
+) -> NavigationState:
+    """The state with its covariances, over ground at ``ground_down_m`` (NaN where unknown)."""
+    motion = eskf.nominal.motion
+    lat, lon, alt = frame.geodetic_from_ned(motion.pos_ned_m)
+    T = np.vstack((eskf.layout.jacobian(3, position=np.eye(3)), camera_rotation_jacobian(camera, eskf)))
+    has_boresight = eskf.layout.has("boresight")
+    return NavigationState(
+        t_us=given.t_us,
+        mode=given.mode,
+        process_model=given.process_model,
+        lat_rad=float(lat),
+        lon_rad=float(lon),
+        alt_amsl_m=float(alt),
+        alt_agl_m=float(ground_down_m - motion.pos_ned_m[2]),
+        pos_ned_m=motion.pos_ned_m.copy(),
+        vel_ned_m_s=motion.vel_ned_m_s.copy(),
+        q_ned_from_body=motion.q_ned_from_body.copy(),
+        q_ned_from_camera=q_from_matrix(camera.ned_from_camera),
+        cov_pos_ned_m2=eskf.cov("position"),
+        cov_vel_ned_m2_s2=eskf.cov("velocity"),
+        cov_attitude_rad2=eskf.cov("attitude"),
+        cov_camera_pose=T @ eskf.P @ T.T,
+        last_fix_age_s=given.last_fix_age_s,
+        boresight_rad=eskf.nominal.boresight_rad.copy() if has_boresight else None,
+        cov_boresight_rad2=eskf.cov("boresight") if has_boresight else None,
+        video_offset=given.video_offset,
+    )
+
+
+def horizontal_std_m(eskf: ErrorStateFilter) -> float:
+    """The longest semi-axis of the horizontal position's one-sigma ellipse."""
+    return float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
