@@ -9,7 +9,7 @@ from pathlib import Path
 
 from backend.clock import mono_us
 from backend.errors import ConflictError, LayerMissingError, StartError
-from backend.navigation.setup import MapFiles, Place
+from backend.navigation.setup import MapFiles, Place, middle_of_map
 from backend.schemas.vehicles import MapBody, MapBounds
 from geodata.errors import GeodataError, MapNotFoundError
 from geodata.maps import MapKind, MapLibrary, MapRecord
@@ -155,6 +155,22 @@ class StationMaps:
             None if imagery is None else self.library.raster_path(imagery.id),
             None if elevation is None else self.library.raster_path(elevation.id),
             bounds,
+        )
+
+    def middle(self, ground_alt_amsl_m: float | None) -> Place | None:
+        """The middle of the chosen map, or of the only one; None where there is no such map. Reads files."""
+        imagery = [record for record in self._records.values() if record.kind == "imagery"]
+        chosen = [record for record in imagery if record.id == self.chosen] or imagery
+        if len(chosen) != 1:
+            return None
+        box = chosen[0].bounds
+        lat_rad = math.radians((box.south_deg + box.north_deg) / 2)
+        lon_rad = math.radians((box.west_deg + box.east_deg) / 2)
+        elevation = self._finest("elevation", Place(lat_rad, lon_rad, 0.0))
+        return middle_of_map(
+            self.library.raster_path(chosen[0].id),
+            None if elevation is None else self.library.raster_path(elevation.id),
+            ground_alt_amsl_m,
         )
 
     def holds(self, path: Path) -> bool:

@@ -349,8 +349,11 @@ class Station:
             self.camera.belongs_to(vehicle.id)
         self.hub.publish("vehicle", action="created", vehicle=vehicle.summary())
 
-    def _place_vehicle(self, vehicle: LiveVehicle, here: Place) -> None:
-        """Set up a vehicle's estimator, in the background: the map has to be read."""
+    def _place_vehicle(self, vehicle: LiveVehicle, here: Place | None) -> None:
+        """Set up a vehicle's estimator, in the background: the map has to be read.
+
+        Without a place the map is searched, if it is plain which one.
+        """
         if vehicle.id in self._placing:
             return
         self._placing.add(vehicle.id)
@@ -371,9 +374,16 @@ class Station:
         except GeodataError as error:
             _log.warning("reference of the flight not shown", flight=flight_id, error=str(error))
 
-    async def _set_up(self, vehicle: LiveVehicle, here: Place) -> None:
+    async def _set_up(self, vehicle: LiveVehicle, here: Place | None) -> None:
         try:
             await self.maps.refresh()
+            known = here is not None
+            if here is None:
+                alt_m = None if self.profile is None else self.profile.map.ground_alt_amsl_m
+                here = await asyncio.to_thread(self.maps.middle, alt_m)
+            if here is None:
+                await asyncio.sleep(5.0)  # then the next sample tries again
+                return
             size = None if self.camera is None else self.camera.size_px
             setup = await asyncio.to_thread(
                 build_setup, self.profile, self.maps.files_for(here), here, size, self.settings.time_offset_s
@@ -384,7 +394,7 @@ class Station:
             await asyncio.sleep(5.0)  # then the next sample tries again
         else:
             self._setup_problem.pop(vehicle.id, None)
-            vehicle.navigate(setup)
+            vehicle.navigate(replace(setup, place_known=known))
             self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
         finally:
             self._placing.discard(vehicle.id)

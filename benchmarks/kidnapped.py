@@ -1,9 +1,9 @@
 """``pilotage kidnapped``: starts without any position over simulated worlds, with the right map and with a wrong one.
 
 A flight is flown once for each world and cut into trials. Each trial is told nothing of where it is: satellites and
-home are left out, and the reported heading is turned by a random angle. It is right when the navigator starts within the
-time, and within ``FALSE_LOCK_M`` of the truth then; anything else it starts with, and any start on the map of another
-world, is a false lock.
+home are left out, and the reported heading is turned by a random angle. It is right when the navigator starts within
+the time, and within ``FALSE_LOCK_M`` of the truth then; anything else it starts with, and any start on the map of
+another world, is a false lock.
 """
 
 from __future__ import annotations

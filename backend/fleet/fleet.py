@@ -29,19 +29,20 @@ from estimator.types import FixReport, GnssSample
 
 MAV_SEVERITY_WARNING = 4
 MAV_SEVERITY_ERROR = 3
+NO_PLACE_US = 10_000_000  # a receiver that works and a home that is set have told by then
 
 
 class Fleet:
     """Vehicles by id. Each belongs to the endpoint that it was last alive on.
 
     What has to be told to others goes to ``say(kind, **fields)``, a new vehicle to ``on_heard``, and a vehicle whose
-    estimator can be set up, now that it is known where it is, to ``on_place``.
+    estimator can be set up, now that it is known where it is or has long not been, to ``on_place``.
     """
 
     def __init__(
         self, delay_us: int, say: Callable[..., None],
         on_heard: Callable[[LiveVehicle], None],
-        on_place: Callable[[LiveVehicle, Place], None],
+        on_place: Callable[[LiveVehicle, Place | None], None],
         on_state: Callable[[LiveVehicle, StateUpdate], None],
         on_reports: Callable[[LiveVehicle, list[FixReport]], None],
     ) -> None:  # fmt: skip
@@ -98,7 +99,9 @@ class Fleet:
         match event:
             case SampleEvent(sample=sample):
                 vehicle.offer(sample)
-                if vehicle.setup is None:
+                setup = vehicle.setup
+                # a frame laid for want of a position gives way to one, unless the search has found the vehicle
+                if setup is None or (not setup.place_known and vehicle.latest is None):
                     self._place(vehicle, event)
             case TelemetryHeartbeat():
                 vehicle.last_heartbeat_us = event.t_us
@@ -146,6 +149,8 @@ class Fleet:
             here = place_of_gnss(event.sample, vehicle.relative_alt_m)
         if here is not None:
             self._on_place(vehicle, here)
+        elif vehicle.setup is None and event.t_us - vehicle.heard_first_us(event.t_us) > NO_PLACE_US:
+            self._on_place(vehicle, None)
 
     def _acknowledge(self, vehicle: LiveVehicle, endpoint: str, event: CommandResult) -> None:
         known = self._commands.get((endpoint, event.command_id))

@@ -114,6 +114,7 @@ class LiveVehicle:
         self._on_reports = on_reports
         self._gps_denied = False
         self._epoch = 0
+        self._heard_first_us: int | None = None
 
     @property
     def video_source(self) -> str | None:
@@ -135,6 +136,12 @@ class LiveVehicle:
         self._gps_denied = denied
         if self.worker is not None:
             self.worker.deny_gps(denied)
+
+    def heard_first_us(self, t_us: int) -> int:
+        """When it was first asked for its place: ``t_us`` then."""
+        if self._heard_first_us is None:
+            self._heard_first_us = t_us
+        return self._heard_first_us
 
     def here(self) -> Place | None:
         """Where the vehicle roughly is, at the height of the ground as far as that is known; None before a fix."""

@@ -20,6 +20,7 @@ from estimator.ports import GroundModel, ReferenceMap
 from geodata.elevation import ElevationGrid, FlatGround
 from geodata.flight_meta import CameraMeta, FlightMeta, MapMeta, VehicleMeta
 from geodata.imagery import NeBounds, ReferenceImagery
+from geodata.raster import open_raster
 
 MAX_REFERENCE_PIXELS = 64_000_000
 REACH_M = 6_000.0  # how far from the local frame's origin a large map is read
@@ -54,7 +55,8 @@ class NavigationSetup:
     ``has_camera`` is False when the camera is a stand-in: then no picture may be offered. ``ground_std_m`` is what a
     single point of the ground may be off; ``ground_bias_std_m`` over ``ground_bias_length_m`` what the filter is to
     learn of it, None what it assumes. ``time_offset_s`` is what was added to the times of pictures without stamps;
-    where it is None the Navigator finds it.
+    where it is None the Navigator finds it. ``place_known`` is False where the local frame was laid into the map's
+    middle for want of a position: then the Navigator searches the map.
     """
 
     camera: Camera
@@ -69,6 +71,7 @@ class NavigationSetup:
     time_offset_s: float | None = 0.0
     ground_bias_std_m: float | None = None
     ground_bias_length_m: float | None = None
+    place_known: bool = True
 
     def navigator(self, config: NavigatorConfig | None = None) -> Navigator:
         """A fresh Navigator, by a configuration of its own or the one that suits."""
@@ -188,6 +191,28 @@ def build_setup(
         bias_std_m,
         bias_length_m,
     )
+
+
+def middle_of_map(reference: Path, elevation: Path | None, ground_alt_amsl_m: float | None) -> Place:
+    """Where to lay the local frame when nobody knows where the vehicle is: the map's middle, at its ground.
+
+    Raises
+    ------
+    geodata.errors.RasterError
+        A file cannot be read.
+    """
+    with open_raster(reference) as raster:
+        box = raster.bounds
+    lat_rad, lon_rad = (
+        math.radians((box.south_deg + box.north_deg) / 2),
+        math.radians((box.west_deg + box.east_deg) / 2),
+    )
+    alt_m = 0.0 if ground_alt_amsl_m is None else ground_alt_amsl_m
+    if elevation is not None:
+        grid = ElevationGrid.open(elevation, LocalFrame(lat_rad, lon_rad, alt_m)).alt_amsl_grid_m
+        known = grid[np.isfinite(grid)]
+        alt_m = float(known.mean()) if known.size else alt_m
+    return Place(lat_rad, lon_rad, alt_m)
 
 
 def _frame(bounds_deg: Sequence[float] | None, here: Place) -> LocalFrame:

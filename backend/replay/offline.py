@@ -16,7 +16,7 @@ from backend.errors import StationError
 from backend.fleet.cameras import fitted
 from backend.link.events import SampleEvent
 from backend.link.tlog import LinkReplay, running_forward
-from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
+from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.replay.report import write_report
 from backend.replay.targets import locate_clicks, write_targets
@@ -108,7 +108,12 @@ def _place(folder: FlightFolder) -> Place:
     for sample in _samples(folder, frozenset()):
         if isinstance(sample, HomeSample | GnssSample):
             return Place(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
-    raise ReplayError(f"{folder.path}: no home in flight.json and no position in the telemetry; add home")
+    if folder.reference_path is None:
+        raise ReplayError(
+            f"{folder.path}: neither a home in flight.json, nor a position in the telemetry, nor a map to search"
+        )
+    folder.warn(f"{folder.path}: no home in flight.json and no position in the telemetry: the map is searched")
+    return middle_of_map(folder.reference_path, folder.elevation_path, folder.meta.map.ground_alt_amsl_m)
 
 
 def _samples(folder: FlightFolder, leave_out: frozenset[int]) -> Iterator[Sample]:
