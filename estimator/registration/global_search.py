@@ -200,8 +200,12 @@ class Sweep:
         self._half = int(np.ceil(float(away.max()) * template.gsd_m * largest / coarse.cell_m)) + 1
         padded = [side + 2 * self._half for side in coarse.shape]
         self._shape = (fft.next_fast_len(padded[0], real=True), fft.next_fast_len(padded[1], real=True))
-        self._spectrum = fft.rfft2(coarse.density, self._shape)
+        # entry (i, j) of a correlation has the template's corner there; turned on by half, its centre
+        shift = self._half * np.fft.fftfreq(self._shape[0])[:, None] + self._half * np.fft.rfftfreq(self._shape[1])
+        spectrum = fft.rfft2(coarse.density, self._shape) * np.exp(-2j * np.pi * shift)
+        self._spectrum = spectrum.astype(np.complex64)
         self._energy, self._known = self._surroundings(coarse, template)
+        self._weight = np.where(self._known, 1.0 / np.sqrt(self._energy), 0.0).astype(np.float32)
         self._found: list[_Peak] = []
         self._unrefined: list[_Peak] | None = None
 
@@ -328,14 +332,19 @@ class Sweep:
         if turned is None:
             return None
         density, pixels = turned
-        spectrum = np.conj(fft.rfft2(density, self._shape))
+        # the rows below the template are empty: their transforms need not be made
+        by_row = fft.rfft(density, self._shape[1], axis=1)
+        spectrum = fft.fft(by_row, self._shape[0], axis=0, overwrite_x=True)
+        np.conjugate(spectrum, out=spectrum)
+        spectrum *= self._spectrum
         rows, cols = self._map.shape
-        # entry (i, j) has the template's corner there: its centre is half further on
-        numerator = fft.irfft2(self._spectrum * spectrum, self._shape)
-        centred = np.roll(numerator, (self._half, self._half), (0, 1))[:rows, :cols]
+        columns = fft.ifft(spectrum, axis=0, overwrite_x=True)[:rows]
+        surface = fft.irfft(columns, self._shape[1], axis=1)[:, :cols]
         own = max(float((density * density).sum()), 1e-6 * pixels)
-        surface = centred / np.sqrt(self._energy * pixels * own)
-        return np.asarray(np.where(self._known, surface, -1.0), dtype=np.float32)
+        surface *= self._weight
+        surface /= np.float32(np.sqrt(pixels * own))
+        surface[~self._known] = -1.0
+        return np.asarray(surface, dtype=np.float32)
 
     def places(self, log_prior: Callable[[Float, Float], Float] | None = None) -> tuple[list[Place], float]:
         """The highest places with their probabilities, the most likely first, and the probability of none of them.
