@@ -133,6 +133,7 @@ class GlobalFixer:
         self._trail: list[MosaicPose] = []
         self._begun_alt_m = 0.0
         self.hypotheses: int | None = None
+        self.slices_done = 0
 
     @property
     def words(self) -> str:
@@ -198,6 +199,7 @@ class GlobalFixer:
         ):
             self._credit -= self._sweep.cells
             self._sweep.step()
+            self.slices_done += 1
             if self._sweep.done:
                 self._conclude(self._sweep)
                 self._sweep = None
