@@ -1,10 +1,10 @@
 """Where the aircraft is, from nothing: a search of the whole map, then proof on fresh ground.
 
 Pictures are laid out into a mosaic (`odometry.mosaic`), which is searched on the map over all headings and a range of
-scales (`registration.global_search`), a bounded amount of work with each picture. What stands out there is only a
-candidate. It says where ground that is seen later, and that took no part in the search, must lie on the map: a
-sequential probability ratio test (Wald 1945) over such pieces of ground accepts it or drops it. Until then the answer
-is "lost".
+scales (`registration.global_search`), a bounded amount of work with each picture. What stands out there are
+candidates. Each says where ground that is seen later, and that took no part in the search, must lie on the map: a
+sequential probability ratio test (Wald 1945) over such pieces of ground drops them one by one, and accepts the one that
+is left when it has proved itself. Until then the answer is "lost".
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from estimator.registration.global_search import (
     SearchConfig,
     Slice,
     Sweep,
-    main_mode,
     slices,
     template_of,
 )
@@ -35,11 +34,14 @@ class GlobalFixConfig:
 
     A search begins ``min_way_m`` after the mosaic and again every ``again_way_m``. Work is rationed in transformed
     cells a second of flight, ``cells_per_s``, of which one picture may take ``max_share_s`` seconds' worth. The height
-    above ground is the barometer's, to ``height_std_m``, over the map's ground. A candidate must hold ``min_mode`` of
-    the probability. It is tested every ``fresh_way_m`` on the ground seen since, within ``reach_m`` of where it must
-    be, and accepted with a log likelihood ratio of ``accept_log_ratio`` from at least ``min_places`` pieces in a row
-    that spoke for it, each with ``max_log_ratio`` at the most; at ``reject_log_ratio`` it is dropped. The standard
-    deviations are those of the pose then.
+    above ground is the barometer's, to ``height_std_m``, over the map's ground. Up to ``max_candidates`` places that
+    hold ``min_share`` of the probability are tested every ``fresh_way_m`` on the ground seen since, within ``reach_m``
+    of where it must be. A piece counts between ``min_log_ratio`` and ``max_log_ratio``: a lake or what was built since
+    must not decide; ``window_log_ratio`` is taken off for the choice among the places within reach. At
+    ``reject_log_ratio`` a candidate is dropped, and a new search replaces those that
+    have not yet come to ``promising_log_ratio``.
+    One is accepted when it holds ``min_mode`` of the probability, "none of them" counted, and at least ``min_places``
+    pieces in a row spoke for it, ``accept_log_ratio`` in all. The standard deviations are those of the pose then.
     """
 
     enabled: bool = True
@@ -53,12 +55,16 @@ class GlobalFixConfig:
     min_height_m: float = 20.0
     min_mode: float = 0.99
     mode_radius_m: float = 30.0
-    mode_angle_rad: float = 0.15
+    max_candidates: int = 12
+    min_share: float = 0.003
     fresh_way_m: float = 120.0
     reach_m: float = 16.0
     accept_log_ratio: float = 9.0
+    promising_log_ratio: float = 3.0
     max_log_ratio: float = 7.0
-    reject_log_ratio: float = -3.0
+    min_log_ratio: float = -4.0
+    reject_log_ratio: float = -6.0
+    window_log_ratio: float = 2.0
     min_places: int = 2
     position_std_m: float = 5.0
     heading_std_rad: float = 0.03
@@ -86,8 +92,9 @@ class FoundPose:
 class _Candidate:
     """Ties the mosaic's frame to the local frame: true = anchor + scale Rot(turn) (mosaic - mosaic anchor).
 
-    ``strength`` is the height of the peak in deviations of the clutter over the root of its ground in square metres;
-    ``seen`` is all the ground that has been used.
+    ``strength`` is the height of the peak in deviations of the clutter over the root of its ground in square metres.
+    ``share`` is its probability by the search, ``log_ratio`` what ``places`` pieces of fresh ground in a row, and those
+    before, have said since.
     """
 
     anchor_ne_m: Float
@@ -95,8 +102,7 @@ class _Candidate:
     turn_rad: float
     scale: float
     strength: float
-    seen: Mosaic
-    from_way_m: float
+    share: float
     log_ratio: float = 0.0
     places: int = 0
 
@@ -129,7 +135,10 @@ class GlobalFixer:
         self._searched_way_m = -np.inf
         self._credit = 0.0
         self._last_us: int | None = None
-        self._candidate: _Candidate | None = None
+        self._candidates: list[_Candidate] = []
+        self._others = 1.0
+        self._seen: Mosaic | None = None
+        self._tested_way_m = 0.0
         self._trail: list[MosaicPose] = []
         self._begun_alt_m = 0.0
         self.hypotheses: int | None = None
@@ -138,8 +147,12 @@ class GlobalFixer:
     @property
     def words(self) -> str:
         """What it is doing, for people."""
-        if self._candidate is not None:
-            return f"searching the map: checking one place on fresh ground ({self._candidate.places} pieces agree)"
+        if self._candidates:
+            places = max(candidate.places for candidate in self._candidates)
+            return (
+                f"searching the map: {len(self._candidates)} hypotheses, tested on fresh ground "
+                f"({places} of {self.config.min_places} pieces agree)"
+            )
         if self.hypotheses is None:
             way_m = 0.0 if self._odometry is None else self._odometry.way_m
             if self._sweep is None:
@@ -155,7 +168,7 @@ class GlobalFixer:
 
     def _forget(self) -> None:
         self._sweep = None
-        self._candidate = None
+        self._candidates = []
         self._searched_way_m = -np.inf
         self._trail.clear()
         self.hypotheses = None
@@ -179,10 +192,10 @@ class GlobalFixer:
             return None
         self._trail.append(pose)
         del self._trail[:-8]
-        if self._candidate is not None:
-            return self._check(self._candidate, pose)
-        self._work(t_us)
-        return None
+        found = self._check(pose) if self._candidates else None
+        if found is None:
+            self._work(t_us)
+        return found
 
     def _work(self, t_us: int) -> None:
         """Search on, as far as the time that has passed pays for."""
@@ -190,8 +203,6 @@ class GlobalFixer:
         elapsed_s = 0.0 if self._last_us is None else max(t_us - self._last_us, 0) / 1e6
         self._last_us = t_us
         self._credit = min(self._credit + elapsed_s * config.cells_per_s, config.max_share_s * config.cells_per_s)
-        if self._candidate is not None:
-            return
         if self._sweep is None:
             self._begin_sweep()
         while self._sweep is not None and self._credit >= min(
@@ -227,19 +238,25 @@ class GlobalFixer:
 
     def _conclude(self, sweep: Sweep) -> None:
         config = self.config
-        places, _ = sweep.places(self._log_height_prior)
+        places, none = sweep.places(self._log_height_prior)
         if not places:
             self.hypotheses = 0
             return
-        self.hypotheses = _distinct(places, config.mode_radius_m)
-        best = places[0]
+        if any(candidate.log_ratio >= config.promising_log_ratio for candidate in self._candidates):
+            return  # fresh ground says more than the same ground again
+        distinct = _distinct(places, config.mode_radius_m)
+        self.hypotheses = len(distinct)
         mosaic = self._sweep_mosaic
-        if mosaic is None or main_mode(places, config.mode_radius_m, config.mode_angle_rad) < config.min_mode:
+        kept = [place for place in distinct if place.probability >= config.min_share][: config.max_candidates]
+        if mosaic is None or not kept:
             return
-        self._candidate = _Candidate(
-            best.centre_ne_m, _centre_m(mosaic, sweep.template.centre_px), best.heading_rad, best.scale,
-            best.height_sigmas / float(np.sqrt(mosaic.area_m2)), mosaic, self._searched_way_m,
-        )  # fmt: skip
+        centre_m = _centre_m(mosaic, sweep.template.centre_px)
+        strength = kept[0].height_sigmas / float(np.sqrt(mosaic.area_m2))
+        self._candidates = [
+            _Candidate(p.centre_ne_m, centre_m, p.heading_rad, p.scale, strength, p.probability) for p in kept
+        ]
+        self._others = max(1.0 - sum(place.probability for place in kept), none)
+        self._seen, self._tested_way_m = mosaic, self._searched_way_m
 
     def _log_height_prior(self, centre_ne_m: Float, scale: Float) -> Float:
         """What the barometer says of heights above the ground of places (n, 2), scales (n,)."""
@@ -260,49 +277,55 @@ class GlobalFixer:
         alt_m = float(self._ground.alt_amsl_m(np.array([north_m]), np.array([east_m]))[0])
         return self._origin_alt_m - (alt_m if np.isfinite(alt_m) else self._mean_ground()[0])
 
-    def _check(self, candidate: _Candidate, now: MosaicPose) -> FoundPose | None:
-        """Test a candidate on the ground seen since; the pose where that is proof enough."""
+    def _check(self, now: MosaicPose) -> FoundPose | None:
+        """Test the candidates on the ground seen since; the pose where one has proved itself."""
         odometry, config = self._odometry, self.config
-        if odometry is None or odometry.way_m < candidate.from_way_m + config.fresh_way_m:
+        if odometry is None or self._seen is None or odometry.way_m < self._tested_way_m + config.fresh_way_m:
             return None
-        recent = odometry.mosaic(candidate.from_way_m)
-        whole = odometry.mosaic()
+        recent, whole = odometry.mosaic(self._tested_way_m), odometry.mosaic()
+        self._tested_way_m = odometry.way_m
         if recent is None or whole is None:
             return None
-        candidate = replace(candidate, from_way_m=odometry.way_m)
-        self._candidate = candidate
-        fresh = recent.without(candidate.seen)
+        fresh = recent.without(self._seen)
         if fresh.area_m2 < 0.3 * config.fresh_way_m * now.height_m:
             return None
-        tested = self._tested(candidate, fresh)
-        if tested is None or tested.log_ratio <= config.reject_log_ratio:
-            self._candidate = None
+        self._seen = whole
+        self._candidates = self._tested(fresh)
+        if not self._candidates:
             return None
-        self._candidate = replace(tested, seen=whole)
-        if tested.log_ratio < config.accept_log_ratio or tested.places < config.min_places:
+        mass = np.array([c.share * np.exp(min(c.log_ratio, 100.0)) for c in self._candidates])
+        best = self._candidates[int(np.argmax(mass))]
+        proved = best.log_ratio >= config.accept_log_ratio and best.places >= config.min_places
+        if not proved or mass.max() / (mass.sum() + self._others) < config.min_mode:
             return None
-        return self._found(tested, now)
+        return self._found(best, now)
 
-    def _tested(self, candidate: _Candidate, fresh: Mosaic) -> _Candidate | None:
-        """The candidate with what a piece of ground says of it, moved to where the piece lies; None off the map."""
+    def _tested(self, fresh: Mosaic) -> list[_Candidate]:
+        """The candidates with what a piece of ground says of each; without those off the map, or ruled out."""
         coarse, config = self._coarse, self.config
         if coarse is None:
-            return None
+            return []
         template = template_of(fresh.image, fresh.known, fresh.gsd_m, coarse.cell_m, config.search)
-        what = Slice(candidate.turn_rad, candidate.scale)
         centre_m = _centre_m(fresh, template.centre_px)
-        place = Sweep(coarse, template, [what], config.search).best_near(what, candidate.ne_m(centre_m), config.reach_m)
-        if place is None:
-            return None
-        expected = candidate.strength * float(np.sqrt(fresh.area_m2))
-        gain = config.search.temperature * (expected * place.height_sigmas - 0.5 * expected**2)
-        gain = min(gain, config.max_log_ratio)
-        tested = replace(
-            candidate, log_ratio=candidate.log_ratio + gain, places=candidate.places + 1 if gain > 0.0 else 0
-        )
-        if gain <= 0.0:
-            return tested
-        return replace(tested, anchor_ne_m=place.centre_ne_m, anchor_mosaic_m=centre_m)
+        todo = [Slice(candidate.turn_rad, candidate.scale) for candidate in self._candidates]
+        sweep = Sweep(coarse, template, todo, config.search)
+        left = []
+        for candidate, what in zip(self._candidates, todo, strict=True):
+            place = sweep.best_near(what, candidate.ne_m(centre_m), config.reach_m)
+            if place is None:
+                continue
+            expected = candidate.strength * float(np.sqrt(fresh.area_m2))
+            gain = config.search.temperature * (expected * place.height_sigmas - 0.5 * expected**2)
+            gain -= config.window_log_ratio
+            gain = float(np.clip(gain, config.min_log_ratio, config.max_log_ratio))
+            tested = replace(
+                candidate, log_ratio=candidate.log_ratio + gain, places=candidate.places + 1 if gain > 0.0 else 0
+            )
+            if gain > 0.0:
+                tested = replace(tested, anchor_ne_m=place.centre_ne_m, anchor_mosaic_m=centre_m)
+            if tested.log_ratio > config.reject_log_ratio:
+                left.append(tested)
+        return left
 
     def _found(self, candidate: _Candidate, now: MosaicPose) -> FoundPose | None:
         config = self.config
@@ -326,12 +349,13 @@ def _centre_m(mosaic: Mosaic, centre_px: Float) -> Float:
     return place
 
 
-def _distinct(places: list[Place], radius_m: float) -> int:
-    """How many places that lie apart hold at least a hundredth of what the best one does."""
+def _distinct(places: list[Place], radius_m: float) -> list[Place]:
+    """The places that lie apart and hold at least a hundredth of what the best one does, with what lies about each."""
     kept: list[Place] = []
     for place in places:
-        if place.probability < 0.01 * places[0].probability:
-            break
-        if all(np.hypot(*(place.centre_ne_m - other.centre_ne_m)) > radius_m for other in kept):
+        near = [i for i, other in enumerate(kept) if np.hypot(*(place.centre_ne_m - other.centre_ne_m)) < radius_m]
+        if near:
+            kept[near[0]] = replace(kept[near[0]], probability=kept[near[0]].probability + place.probability)
+        elif place.probability >= 0.01 * places[0].probability:
             kept.append(place)
-    return len(kept)
+    return kept

@@ -53,3 +53,22 @@ async def test_a_choice_that_is_nothing_is_refused(tmp_path: Path) -> None:
     for given in ("nowhere", str(tmp_path / "letter.tif")):
         with pytest.raises(StartError, match="--map"):
             await StationMaps(tmp_path / "maps").choose(given)
+
+
+async def test_without_a_place_the_only_map_is_searched_from_its_middle(tmp_path: Path) -> None:
+    maps = StationMaps(tmp_path / "maps")
+    assert maps.middle(120.0) is None
+    first = await maps.import_file(imagery(tmp_path / "one.tif", 2.0, 1), None, "imagery")
+    middle = maps.middle(120.0)
+    await maps.import_file(imagery(tmp_path / "two.tif", 4.0, 2), None, "imagery")
+    undecided = maps.middle(120.0)
+    await maps.choose("one")
+    chosen = maps.middle(120.0)
+    maps.close()
+
+    assert middle is not None
+    assert math.degrees(middle.lat_rad) == pytest.approx((first.bounds.south_deg + first.bounds.north_deg) / 2)
+    assert math.degrees(middle.lon_rad) == pytest.approx((first.bounds.west_deg + first.bounds.east_deg) / 2)
+    assert middle.alt_amsl_m == 120.0
+    assert undecided is None
+    assert chosen == middle

@@ -19,7 +19,7 @@ from backend.link.events import (
     VehicleType,
 )
 from backend.navigation.setup import Place
-from estimator.types import GnssSample, HomeSample
+from estimator.types import BarometerSample, GnssSample, HomeSample
 
 A, B = "udpin:0.0.0.0:14550", "serial:/dev/ttyUSB0:57600"
 
@@ -27,7 +27,7 @@ A, B = "udpin:0.0.0.0:14550", "serial:/dev/ttyUSB0:57600"
 class Heard:
     def __init__(self) -> None:
         self.said: list[tuple[str, dict[str, Any]]] = []
-        self.placed: list[Place] = []
+        self.placed: list[Place | None] = []
         self.fleet = Fleet(
             0, lambda kind, /, **fields: self.said.append((kind, fields)), on_heard=lambda _: None,
             on_place=lambda _, place: self.placed.append(place), on_state=lambda *_: None, on_reports=lambda *_: None,
@@ -112,3 +112,18 @@ def test_answers_to_commands_carry_the_callers_id() -> None:
         ("my-id", "arm", "in_progress"),
         ("my-id", "arm", "accepted"),
     ]
+
+
+def test_a_vehicle_that_long_tells_no_place_is_set_up_without_one() -> None:
+    """Expected: nothing for ten seconds of samples, then a set-up without a place, and a home that comes counts."""
+    heard = Heard()
+    for t_s in (1, 5, 10):
+        heard.fleet.take(A, SampleEvent(t_s * 1_000_000, 7, BarometerSample(t_s * 1_000_000, 300.0)))
+    early = list(heard.placed)
+    heard.fleet.take(A, SampleEvent(12_000_000, 7, BarometerSample(12_000_000, 300.0)))
+    late = list(heard.placed)
+    heard.fleet.take(A, SampleEvent(13_000_000, 7, HomeSample(13_000_000, 0.82, 0.14, 400.0)))
+
+    assert early == []
+    assert late == [None]
+    assert heard.placed[-1] == Place(0.82, 0.14, 400.0)
