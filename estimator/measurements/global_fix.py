@@ -17,7 +17,7 @@ from estimator.geometry.camera import Camera
 from estimator.odometry.mosaic import Mosaic, MosaicConfig, MosaicOdometry, MosaicPose
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.global_search import (
-    CoarseMap,
+    EdgeMap,
     Place,
     SearchConfig,
     Slice,
@@ -126,7 +126,7 @@ class GlobalFixer:
         self._reference = reference
         self._ground = ground
         self._origin_alt_m = origin_alt_amsl_m
-        self._coarse: CoarseMap | None = None
+        self._coarse: EdgeMap | None = None
         self._odometry: MosaicOdometry | None = None
         self._parts = 0
         self._sweep: Sweep | None = None
@@ -176,7 +176,7 @@ class GlobalFixer:
     def offer(self, t_us: int, image: Image, level_from_camera: Float, pressure_alt_m: float) -> FoundPose | None:
         """Use a grey picture; the camera's rotation may be off by any turn about the vertical."""
         if self._coarse is None or self._odometry is None:
-            self._coarse = CoarseMap(self._reference, self.config.search)
+            self._coarse = EdgeMap(self._reference, self.config.search)
             self._odometry = MosaicOdometry(self._camera, self._coarse.fine_gsd_m, self.config.mosaic)
         height_m = max(pressure_alt_m - self._mean_ground()[0], self.config.min_height_m)
         before = self._odometry.pose

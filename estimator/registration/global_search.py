@@ -78,7 +78,7 @@ def edge_density(magnitude: Float32, known: Mask, cell_px: float, trend_px: floa
     return (mean(0.4 * cell_px) - mean(trend_px)) * weight
 
 
-class CoarseMap:
+class EdgeMap:
     """The whole reference as edge densities on cells."""
 
     def __init__(self, reference: ReferenceMap, config: SearchConfig) -> None:
@@ -188,7 +188,7 @@ def slices(template: Template, cell_m: float, scales: tuple[float, float], confi
 class Sweep:
     """One search of the map, advanced slice by slice."""
 
-    def __init__(self, coarse: CoarseMap, template: Template, todo: list[Slice], config: SearchConfig) -> None:
+    def __init__(self, coarse: EdgeMap, template: Template, todo: list[Slice], config: SearchConfig) -> None:
         self.config = config
         self.template = template
         self._map = coarse
@@ -210,7 +210,7 @@ class Sweep:
         self._unrefined: list[_Peak] | None = None
 
     @staticmethod
-    def _surroundings(coarse: CoarseMap, template: Template) -> tuple[Float32, Mask]:
+    def _surroundings(coarse: EdgeMap, template: Template) -> tuple[Float32, Mask]:
         """Mean energy of the map about each cell, and where enough of it is known, over a disc as wide as the template.
 
         The template's own outline would cost two more transforms a slice, and change little.

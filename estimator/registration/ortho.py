@@ -50,6 +50,11 @@ class CoarseMap:
         """Ground sample distance to match at, metres per pixel."""
         return self._gsd_m
 
+    @property
+    def bounds_ne_m(self) -> tuple[float, float, float, float]:
+        """The reference's own rectangle."""
+        return self._reference.bounds_ne_m
+
     def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> MapWindow:
         """The imagery of a rectangle, at the reference's own resolution."""
         return self._reference.window(north_min_m, east_min_m, north_max_m, east_max_m)

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from estimator.geometry.rotation import wrap_pi
 from estimator.registration.global_search import (
-    CoarseMap,
+    EdgeMap,
     SearchConfig,
     Slice,
     Sweep,
@@ -37,7 +37,7 @@ def _template() -> Template:
 
 
 def _swept(world: WideMap) -> Sweep:
-    coarse, template = CoarseMap(world, CONFIG), _template()
+    coarse, template = EdgeMap(world, CONFIG), _template()
     sweep = Sweep(coarse, template, slices(template, coarse.cell_m, (0.9, 1.3), CONFIG), CONFIG)
     while not sweep.done:
         sweep.step()
@@ -71,7 +71,7 @@ def test_what_else_is_known_speaks_too() -> None:
 
 
 def test_one_place_is_tested_alone() -> None:
-    coarse, template = CoarseMap(WORLD, CONFIG), _template()
+    coarse, template = EdgeMap(WORLD, CONFIG), _template()
     what = Slice(HEADING_RAD, SCALE)
     sweep = Sweep(coarse, template, [what], CONFIG)
     here = sweep.best_near(what, CENTRE_NE + np.array([5.0, -4.0]), 12.0)
@@ -86,4 +86,4 @@ def test_one_place_is_tested_alone() -> None:
 
 def test_a_map_too_small_is_refused() -> None:
     with pytest.raises(ValueError, match="too small to search"):
-        CoarseMap(WORLD, SearchConfig(cell_m=200.0))
+        EdgeMap(WORLD, SearchConfig(cell_m=200.0))
