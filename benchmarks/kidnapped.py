@@ -245,7 +245,7 @@ def kidnapped(
     work: Annotated[Path, typer.Option(help="Folder for worlds and maps.")] = Path("kidnapped"),
     as_json: Annotated[bool, typer.Option("--json", help="Print the trials as JSON.")] = False,
 ) -> None:
-    """Start without position, home and heading: how often found, how soon, how often wrong. Takes an hour."""
+    """Start without position, home and heading: how often found, how soon, how often wrong. Takes hours."""
     import time  # noqa: PLC0415  only a measurement reads the clock
 
     cv2.setNumThreads(1)
