@@ -447,7 +447,7 @@ class Navigator:
 
     def _search_while_lost(self, sample: FrameSample) -> None:
         eskf = self._eskf
-        if eskf is None or self._search is None:
+        if eskf is None or self._search is None or not self.config.global_fix.after_loss:
             return
         if self._mode(eskf, sample.t_us, self._is_lost(eskf)) is Mode.LOST:
             self._search_map(sample)

@@ -45,6 +45,7 @@ class GlobalFixConfig:
     """
 
     enabled: bool = True
+    after_loss: bool = False
     mosaic: MosaicConfig = field(default_factory=MosaicConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
     min_way_m: float = 220.0

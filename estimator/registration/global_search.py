@@ -4,7 +4,7 @@ What is compared is the density of edges: the gradient's magnitude, saturated, a
 several metres and freed of its slow part. It keeps the fine structure that survives a change of season, has a peak of
 a cell's width that forgives some degrees and per cent, and turns like any picture, so that a heading costs one
 interpolation and two transforms. (Averaging gradients over cells is the idea of the histograms of Dalal and Triggs,
-CVPR 2005, and of CFOG, Ye et al. 2019. ADR 0011 compares channels.)
+CVPR 2005, and of CFOG, Ye et al. 2019. ADR 0010 compares channels.)
 
 A template is correlated with the whole map, one heading and scale (a slice) at a time, so that the work can be spread
 over many pictures. Of each slice the highest places are kept, and the highest of all are refined. A surface is signal

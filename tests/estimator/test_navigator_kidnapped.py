@@ -95,7 +95,8 @@ def test_it_finds_itself_again_when_lost() -> None:
     """
     lat, lon, _ = FRAME.geodetic_from_ned(FLIGHT.pos_ned_m(0.0) + np.array([220.0, 140.0, 0.0]))
     guess = InitialGuess(lat_rad=float(lat), lon_rad=float(lon), position_std_m=150.0)
-    navigator = _navigator(replace(CONFIG, initial=guess))
+    search = replace(CONFIG.global_fix, after_loss=True)
+    navigator = _navigator(replace(CONFIG, initial=guess, global_fix=search))
     _fly(navigator, 0.0, 5.0, 0.0)
     assert navigator.state is not None
     assert navigator.state.mode is Mode.LOST
