@@ -138,6 +138,13 @@ def test_demo(console: Console) -> None:
     console.photograph("3-target")
     check_against_truth(console, about)
 
+    # The pictures' clock is named, and a map says where it can be matched.
+    expect(page.get_by_text("the vehicle's own")).to_be_visible(timeout=deadline.left_ms)
+    page.get_by_role("tab", name="Maps").click(timeout=deadline.left_ms)
+    page.get_by_role("button", name="Matchability").click(timeout=deadline.left_ms)
+    expect(page.get_by_text("median sigma")).to_be_visible(timeout=deadline.left_ms)
+    console.photograph("4-matchability")
+
     assert not console.errors
     assert not console.demo.ended, "".join(console.demo.said)
 
