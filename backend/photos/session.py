@@ -29,6 +29,7 @@ WHOLE_MAP_PIXELS = 25_000_000
 WHOLE_MAP_RADIUS_M = 1500.0
 PICTURE_PX = 640
 GUESSED_AGL_M = (45.0, 75.0, 120.0, 190.0)
+UNKNOWN_SLOPE_STD = 0.03  # of farmland that is taken for level
 HEADING_STD_RAD = math.radians(5.0)
 KNOWN_TILT_STD_RAD, OPEN_TILT_STD_RAD = math.radians(2.0), math.radians(7.0)
 
@@ -86,6 +87,9 @@ class PhotoSession:
     ) -> None:  # fmt: skip
         """Raises RasterError where a file cannot be used."""
         self.config = config or LocateConfig()
+        if elevation_path is None:
+            steeper = max(self.config.ground_slope_std, UNKNOWN_SLOPE_STD)
+            self.config = replace(self.config, ground_slope_std=steeper)
         self._profile = profile
         self._imagery = ReferenceImagery.open(map_path, profile.map.offset_ne_m if profile else (0.0, 0.0))
         box = self._imagery.raster.bounds

@@ -29,7 +29,9 @@ PROPOSERS = ("sift", "akaze", "orb", "correlation")
 @dataclass(frozen=True, slots=True)
 class LocateConfig:
     """``sure_below`` ends the search early. ``gsd_share`` and ``map_std_m`` make up a match's own sigma; ``inflation``
-    and ``pair_inflation`` multiply the sigma that windows and keypoints claim, because neighbours err alike."""
+    and ``pair_inflation`` multiply the sigma that windows and keypoints claim, because neighbours err alike.
+    ``ground_slope_std`` is of what the ground model leaves of the land's slope, rise over run: a picture fitted to land
+    that is level only in the model is tilted by it, and the camera moved aside by as much of its height."""
 
     sweep: SweepConfig = field(default_factory=SweepConfig)
     features: FeatureConfig = field(default_factory=FeatureConfig)
@@ -42,6 +44,7 @@ class LocateConfig:
     min_agreement: float = 0.4
     gsd_share: float = 1.0
     map_std_m: float = 0.15
+    ground_slope_std: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -161,4 +164,5 @@ def _covariance(best: Confirmed, ground: Ground, prior: PosePrior, config: Locat
     own_m = config.gsd_share * best.gsd_m
     information = information + J.T @ J / own_m**2
     cov = np.linalg.inv(information)[:2, :2]
-    return np.asarray(cov + np.eye(2) * config.map_std_m**2, dtype=np.float64)
+    aside_m = config.ground_slope_std * height_m
+    return np.asarray(cov + np.eye(2) * (config.map_std_m**2 + aside_m**2), dtype=np.float64)

@@ -46,6 +46,19 @@ def test_keypoints_find_a_tilted_picture_of_unknown_heading(proposer: str) -> No
     assert _miss_m(found) < 4.0 * math.sqrt(np.linalg.eigvalsh(found.cov_ne_m2)[-1])
 
 
+def test_slope_that_the_ground_model_leaves_open_stands_in_the_covariance() -> None:
+    picture = seen_by(TRUE_POS, TRUE_ROTATION)
+    sloping = LocateConfig(proposers=("sift",), ground_slope_std=0.03)
+
+    level = _locate(picture, PRIOR, "sift")
+    open_slope = locate(picture, CAMERA, MAP, FlatGround(), ORIGIN_ALT_M, PRIOR, sloping)
+
+    assert isinstance(level, Located) and isinstance(open_slope, Located)
+    added_m2 = open_slope.cov_ne_m2 - level.cov_ne_m2
+    # 92 m high: 3 % of it
+    assert np.sqrt(np.diag(added_m2)) == pytest.approx([2.76, 2.76], rel=0.05)
+
+
 def test_correlation_finds_what_keypoints_cannot() -> None:
     # contrast reversed and noise, as between sensors
     picture = seen_by(TRUE_POS, TRUE_ROTATION)
