@@ -11,10 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator.odometry.planar import MIN_TRACKS, DisplacementResidual, residual_of_points
+from estimator.odometry.planar import MIN_DOWN, MIN_TRACKS, DisplacementResidual, residual_of_points
 from estimator.types import Float
-
-MIN_DOWN = 0.15
 
 
 def depth_average_residual(

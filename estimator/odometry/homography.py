@@ -14,10 +14,15 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from estimator.odometry.planar import MIN_INLIER_FRACTION, MIN_TRACKS, DisplacementResidual, residual_of_points
+from estimator.odometry.planar import (
+    MIN_DOWN,
+    MIN_INLIER_FRACTION,
+    MIN_TRACKS,
+    DisplacementResidual,
+    residual_of_points,
+)
 from estimator.types import Float
 
-MIN_DOWN = 0.15
 SLOPE_REACH = 0.4
 """Half the distance, as a share of the height, over which the terrain's slope is taken."""
 

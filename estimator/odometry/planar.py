@@ -13,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.geometry.ground import ground_point_by_pose
+from estimator.robust import NORMAL_BY_MAD, robust_std
 from estimator.types import Float
 
 MIN_TRACKS = 10
 MIN_INLIER_FRACTION = 0.4
+MIN_DOWN = 0.15
+"""Least downward part of a ray that may count as one to the ground."""
 MIN_PARALLAX = 0.005
 """Share of the height that the camera must move for its tracks to say anything of the surface's relief."""
 
@@ -87,7 +90,7 @@ def displacement_residual(
     DisplacementResidual or None
         None when too few tracks agree.
     """
-    usable = (rays_first[:, 2] > 0.15) & (rays_second[:, 2] > 0.15)
+    usable = (rays_first[:, 2] > MIN_DOWN) & (rays_second[:, 2] > MIN_DOWN)
     if usable.sum() < MIN_TRACKS:
         return None
     first, second = rays_first[usable], rays_second[usable]
@@ -131,22 +134,18 @@ def _relief_m(residuals_ne_m: Float, motion_ned_m: Float, height_m: float) -> fl
     if distance_m < MIN_PARALLAX * height_m:
         return float("inf")
     along = motion_ned_m[:2] / distance_m
-    by_height = _robust_std(residuals_ne_m @ along)
-    noise = _robust_std(residuals_ne_m @ np.array([-along[1], along[0]]))
+    by_height = robust_std(residuals_ne_m @ along)
+    noise = robust_std(residuals_ne_m @ np.array([-along[1], along[0]]))
     # the difference of two measured variances is known to about a tenth of them
     excess = max(by_height**2 - noise**2, (0.3 * noise) ** 2)
     return float(np.sqrt(excess)) * height_m / distance_m
-
-
-def _robust_std(values: Float) -> float:
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
 def _inliers(residuals: Float, noise_m: float) -> np.ndarray:
     centre = np.median(residuals, axis=0)
     for _ in range(2):
         distance = np.hypot(*(residuals - centre).T)
-        limit = max(3.0 * 1.4826 * float(np.median(distance)), 3.0 * noise_m)
+        limit = max(3.0 * NORMAL_BY_MAD * float(np.median(distance)), 3.0 * noise_m)
         inlier = distance <= limit
         centre = residuals[inlier].mean(axis=0)
     return np.asarray(inlier)

@@ -15,9 +15,8 @@ from estimator.registration.channels import double_angle_gradients
 from estimator.registration.correlation import SearchArea
 from estimator.registration.ortho import Ground, Ortho, footprint_ne_m, map_area, rectify
 from estimator.registration.pose_prior import PosePrior
+from estimator.robust import robust_std
 from estimator.types import Float, Image
-
-NORMAL_BY_MAD = 1.4826
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,8 +129,7 @@ def _footprint_m(camera: Camera, ground: Ground, prior: PosePrior, config: Sweep
 def clutter(surface: NDArray[np.floating], known: NDArray[np.bool_]) -> tuple[float, float]:
     """Middle and robust standard deviation of a surface where it is known."""
     values = surface[known]
-    middle = float(np.median(values))
-    return middle, max(NORMAL_BY_MAD * float(np.median(np.abs(values - middle))), 1e-4)
+    return float(np.median(values)), max(robust_std(values), 1e-4)
 
 
 def camera_places(

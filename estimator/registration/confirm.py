@@ -23,6 +23,7 @@ from estimator.registration.mind import self_similarity
 from estimator.registration.ortho import CoarseMap, Ground, Ortho, footprint_ne_m, map_area, rectify
 from estimator.registration.pose_prior import PosePrior
 from estimator.registration.refine import Refinement
+from estimator.registration.verify import vertex
 from estimator.types import Float, Image
 
 MIN_PIXELS = 800
@@ -355,5 +356,4 @@ def _vertex(surface: Float, row: int | np.intp, col: int | np.intp, axis: int) -
     if index in (0, surface.shape[axis] - 1):
         return 0.0
     line = surface[index - 1 : index + 2, col] if axis == 0 else surface[row, index - 1 : index + 2]
-    curvature = float(line[0] - 2.0 * line[1] + line[2])
-    return 0.0 if curvature >= -1e-9 else float(np.clip(0.5 * (line[0] - line[2]) / curvature, -0.5, 0.5))
+    return vertex(float(line[0]), float(line[1]), float(line[2]))

@@ -25,6 +25,8 @@ from scipy import fft
 
 from estimator.geometry.rotation import wrap_pi
 from estimator.ports import ReferenceMap
+from estimator.registration.verify import vertex
+from estimator.robust import robust_std
 from estimator.types import Float, Image
 
 Float32 = NDArray[np.float32]
@@ -255,7 +257,7 @@ class Sweep:
             return
         # in the clutter's own deviations: a smaller scale, which covers less, has more of it
         middle = float(np.median(sampled))
-        clutter = max(1.4826 * float(np.median(np.abs(sampled - middle))), 1e-4)
+        clutter = max(robust_std(sampled), 1e-4)
         for value, row, col in _highest(surface, self.config.peaks_per_slice):
             self._found.append(_Peak((value - middle) / clutter, value, row, col, what, middle, clutter))
 
@@ -300,8 +302,8 @@ class Sweep:
         value = float(surface[r, c])
         d_r = d_c = 0.0
         if 0 < r < 2 * reach and 0 < c < 2 * reach:
-            d_r = _vertex(surface[r - 1, c], value, surface[r + 1, c])
-            d_c = _vertex(surface[r, c - 1], value, surface[r, c + 1])
+            d_r = vertex(surface[r - 1, c], value, surface[r + 1, c])
+            d_c = vertex(surface[r, c - 1], value, surface[r, c + 1])
         height = (value - peak.middle) / peak.clutter
         return _Peak(height, value, row - reach + r + d_r, col - reach + c + d_c, what, peak.middle, peak.clutter)
 
@@ -317,7 +319,7 @@ class Sweep:
         if surface is None or known is None or known.size < 50 or surface[int(row), int(col)] <= -0.999:
             return None
         middle = float(np.median(known))
-        clutter = max(1.4826 * float(np.median(np.abs(known - middle))), 1e-4)
+        clutter = max(robust_std(known), 1e-4)
         start = _Peak(-np.inf, -1.0, row, col, what, middle, clutter)
         peak = self._refined(start, max(int(np.ceil(reach_m / self._map.cell_m)), 1))
         if not np.isfinite(peak.height):
@@ -422,8 +424,3 @@ def _highest(surface: Float32, count: int) -> list[tuple[float, int, int]]:
     values = surface[rows, cols]
     order = np.argsort(-values)[:count]
     return [(float(values[i]), int(rows[i]), int(cols[i])) for i in order]
-
-
-def _vertex(before: float, at: float, after: float) -> float:
-    curvature = before - 2.0 * at + after
-    return 0.0 if curvature >= -1e-9 else float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5))

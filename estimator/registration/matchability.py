@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from estimator.registration.channels import double_angle_gradients
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration
+from estimator.robust import robust_std
 from estimator.types import Float, Image
 
 
@@ -141,7 +142,7 @@ def _expected(
     away = usable & (distance_px > config.main_mode_px)
     chance = config.clutter / np.sqrt(max(float(mask.sum()), 1.0))
     # lines and repetition add to chance what the surface itself shows away from its hill
-    own = 1.4826 * float(np.median(np.abs(surface[away] - np.median(surface[away])))) if away.sum() > 20 else 0.0
+    own = robust_std(surface[away]) if away.sum() > 20 else 0.0
     clutter = float(np.hypot(chance, expected * own))
     peak = expected / clutter
     log_p = config.calibration.temperature * peak**2 * np.where(usable, surface - 1.0, -np.inf)

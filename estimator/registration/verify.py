@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.robust import robust_std
+
 
 @dataclass(frozen=True, slots=True)
 class Peak:
@@ -28,7 +30,6 @@ class Peak:
 
 
 EXCLUDED_PX = 5
-NORMAL_BY_MAD = 1.4826
 
 
 def find_peak(surface: NDArray[np.floating]) -> Peak | None:
@@ -45,7 +46,7 @@ def find_peak(surface: NDArray[np.floating]) -> Peak | None:
     if others.size > 20:
         psr = (value - float(others.mean())) / max(float(others.std()), 1e-6)
         middle = float(np.median(others))
-        clutter = max(NORMAL_BY_MAD * float(np.median(np.abs(others - middle))), 1e-6)
+        clutter = max(robust_std(others), 1e-6)
         height = value - middle
         second = float(others.max()) / max(value, 1e-6)
     else:
@@ -53,12 +54,13 @@ def find_peak(surface: NDArray[np.floating]) -> Peak | None:
     at_edge = row in (0, rows - 1) or col in (0, cols - 1)
     if at_edge:
         return Peak(float(row), float(col), value, psr, second, True, height, clutter)
-    d_row = _vertex(filled[row - 1, col], value, filled[row + 1, col])
-    d_col = _vertex(filled[row, col - 1], value, filled[row, col + 1])
+    d_row = vertex(filled[row - 1, col], value, filled[row + 1, col])
+    d_col = vertex(filled[row, col - 1], value, filled[row, col + 1])
     return Peak(row + d_row, col + d_col, value, psr, second, False, height, clutter)
 
 
-def _vertex(before: float, at: float, after: float) -> float:
+def vertex(before: float, at: float, after: float) -> float:
+    """Where a parabola through three samples a step apart is highest, from the middle one, half a step at the most."""
     curvature = before - 2.0 * at + after
     if curvature >= -1e-9:
         return 0.0

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, rotvec_from_q, skew
+from estimator.robust import NORMAL_BY_MAD
 from estimator.timing.turns import TurnTrack
 from estimator.types import Float
 
@@ -246,7 +247,7 @@ class _Problem:
         """Rate noise (3,) beyond what the pictures admit: telemetry, its interpolation, relief."""
         rates = (self._turns.rotvec_camera_rad - self.predicted(state)) / self._dt_s[:, None]
         rates = rates - np.median(rates, axis=0)
-        seen = 1.4826 * np.median(np.abs(rates), axis=0)
+        seen = NORMAL_BY_MAD * np.median(np.abs(rates), axis=0)
         said = np.median(np.einsum("nii->ni", self._turns.cov_rotvec_rad2) / (self._dt_s**2)[:, None], axis=0)
         added: Float = np.sqrt(np.maximum(seen**2 - said, 0.0))
         return added
@@ -316,7 +317,7 @@ class _Problem:
             reason = "pictures and telemetry turn unlike each other: is the camera's mount right?"
         return OffsetEstimate(
             state.offset_s, std_s, self._boresight(state), cov_boresight, state.rate_bias_rad_s,
-            correlation, 1.4826 * np.median(np.abs(rates), axis=0), len(self._turns), not reason, reason,
+            correlation, NORMAL_BY_MAD * np.median(np.abs(rates), axis=0), len(self._turns), not reason, reason,
         )  # fmt: skip
 
     def _covariance(self, state: _State) -> tuple[Float, float]:
@@ -373,7 +374,7 @@ class _Problem:
         The part is by the roughness of the telemetry's rates, but not more than the residuals could hide.
         """
         residuals, *_ = self._linearised(state)
-        seen = (1.4826 * np.median(np.abs(residuals / self._dt_s[:, None]), axis=0)) ** 2
+        seen = (NORMAL_BY_MAD * np.median(np.abs(residuals / self._dt_s[:, None]), axis=0)) ** 2
         rough = (self._camera_from_frame**2) @ self._track.rate_noise_rad_s**2
         averaging = max(float(np.median(self._dt_s)) / self._track.interval_s, 1.0)
         return seen, np.minimum(rough / averaging, seen)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from estimator.geometry.rotation import q_conjugate, q_multiply, rotvec_from_q
+from estimator.robust import NORMAL_BY_MAD
 from estimator.types import Float
 
 MIN_KNOTS = 4
@@ -53,7 +54,7 @@ class TurnTrack:
         """White noise (3,) of the rate at a knot, if the motion is smooth over four of them; an upper bound if not."""
         third = np.diff(self._rate(self._knots_s), n=3, axis=0)
         # 1 + 9 + 9 + 1 squares of binomial coefficients
-        noise: Float = 1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0)
+        noise: Float = NORMAL_BY_MAD * np.median(np.abs(third), axis=0) / np.sqrt(20.0)
         return noise
 
     def covers(self, from_s: Float, to_s: Float) -> NDArray[np.bool_]:
