@@ -1,10 +1,9 @@
-"""Where the aircraft is, from nothing: a search of the whole map, then proof on fresh ground.
+"""Where the aircraft is, from nothing: a search of the whole map, then proof on other ground.
 
-Pictures are laid out into a mosaic (`odometry.mosaic`), which is searched on the map over all headings and a range of
-scales (`registration.global_search`), a bounded amount of work with each picture. What stands out there are
-candidates. Each says where ground that is seen later, and that took no part in the search, must lie on the map: a
-sequential probability ratio test (Wald 1945) over such pieces of ground drops them one by one, and accepts the one that
-is left when it has proved itself. Until then the answer is "lost".
+Pictures are laid out into a mosaic (`odometry.mosaic`). Its last stretches are searched on the map over all headings
+and a range of scales (`registration.global_search`), again and again, a bounded amount of work with each picture. The
+places that stand out are hypotheses, which ground that took no part in their search must prove (`contenders`). Until
+one is proved the answer is "lost".
 """
 
 from __future__ import annotations
@@ -14,17 +13,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimator.geometry.camera import Camera
+from estimator.measurements.contenders import Contenders, ContestConfig, GroundSeen, Searched, piece_of
+from estimator.measurements.hypothesis import Fit, predicted
 from estimator.odometry.mosaic import Mosaic, MosaicConfig, MosaicOdometry, MosaicPose
 from estimator.ports import GroundModel, ReferenceMap
-from estimator.registration.global_search import (
-    EdgeMap,
-    Place,
-    SearchConfig,
-    Slice,
-    Sweep,
-    slices,
-    template_of,
-)
+from estimator.registration.global_search import EdgeMap, SearchConfig, Sweep, slices, template_of
+from estimator.registration.near_match import NearMatcher
 from estimator.types import Float, Image
 
 
@@ -32,42 +26,31 @@ from estimator.types import Float, Image
 class GlobalFixConfig:
     """When to search, how much at a time, and what to believe.
 
-    A search begins ``min_way_m`` after the mosaic and again every ``again_way_m``. Work is rationed in transformed
-    cells a second of flight, ``cells_per_s``, of which one picture may take ``max_share_s`` seconds' worth. The height
-    above ground is the barometer's, to ``height_std_m``, over the map's ground. Up to ``max_candidates`` places that
-    hold ``min_share`` of the probability are tested every ``fresh_way_m`` on the ground seen since, within ``reach_m``
-    of where it must be. A piece counts between ``min_log_ratio`` and ``max_log_ratio``: a lake or what was built since
-    must not decide; ``window_log_ratio`` is taken off for the choice among the places within reach. At
-    ``reject_log_ratio`` a candidate is dropped, and a new search replaces those that
-    have not yet come to ``promising_log_ratio``.
-    One is accepted when it holds ``min_mode`` of the probability, "none of them" counted, and at least ``min_places``
-    pieces in a row spoke for it, ``accept_log_ratio`` in all. The standard deviations are those of the pose then.
+    The way is cut into stretches of ``stretch_m`` that show ``min_fresh`` times the stretch times the height of ground
+    not seen before; one that has not after twice its length is left out. The last ``searched_stretches`` together are
+    searched, whenever there is a new one and the last search has ended. Work is rationed in transformed cells a second
+    of flight, ``cells_per_s``, of which one picture may take ``max_share_s`` seconds' worth; a comparison of one
+    hypothesis with one piece of ground counts ``comparison_cells``. The height above ground is the barometer's, to
+    ``height_std_m``, over the map's ground. Hypotheses are compared on cells of ``near_cell_m``, finer than those of
+    the search, which sees a hundred million places and not a thousand. The standard deviations are the least of the
+    pose that is found.
     """
 
     enabled: bool = True
     after_loss: bool = False
     mosaic: MosaicConfig = field(default_factory=MosaicConfig)
     search: SearchConfig = field(default_factory=SearchConfig)
-    min_way_m: float = 220.0
-    again_way_m: float = 80.0
+    contest: ContestConfig = field(default_factory=ContestConfig)
+    stretch_m: float = 120.0
+    min_fresh: float = 0.8
+    searched_stretches: int = 2
     cells_per_s: float = 5.0e7
     max_share_s: float = 0.2
+    comparison_cells: float = 3.0e5
     height_std_m: float = 30.0
     min_height_m: float = 20.0
-    min_mode: float = 0.99
-    mode_radius_m: float = 30.0
-    max_candidates: int = 12
-    min_share: float = 0.003
-    fresh_way_m: float = 120.0
-    reach_m: float = 16.0
-    accept_log_ratio: float = 14.0
-    promising_log_ratio: float = 3.0
-    max_log_ratio: float = 6.0
-    min_log_ratio: float = -4.0
-    reject_log_ratio: float = -6.0
-    window_log_ratio: float = 2.0
-    min_places: int = 3
-    position_std_m: float = 10.0
+    near_cell_m: float = 4.0
+    position_std_m: float = 6.0
     heading_std_rad: float = 0.03
     height_std_share: float = 0.04
     velocity_std_m_s: float = 1.5
@@ -89,30 +72,13 @@ class FoundPose:
     turn_std_rad: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
-    """Ties the mosaic's frame to the local frame: true = anchor + scale Rot(turn) (mosaic - mosaic anchor).
+@dataclass(slots=True, eq=False)
+class _Stretch:
+    """The stretch of the way that is being flown: where it began, and the heights on it."""
 
-    ``strength`` is the height of the peak in deviations of the clutter over the root of its ground in square metres.
-    ``share`` is its probability by the search, ``log_ratio`` what ``places`` pieces of fresh ground in a row, and those
-    before, have said since.
-    """
-
-    anchor_ne_m: Float
-    anchor_mosaic_m: Float
-    turn_rad: float
-    scale: float
-    strength: float
-    share: float
-    log_ratio: float = 0.0
-    places: int = 0
-
-    def ne_m(self, mosaic_m: Float) -> Float:
-        """North and east (2,) of a place of the mosaic (2,)."""
-        cos, sin = np.cos(self.turn_rad), np.sin(self.turn_rad)
-        turned = np.array([[cos, -sin], [sin, cos]]) @ (mosaic_m - self.anchor_mosaic_m)
-        place: Float = self.anchor_ne_m + self.scale * turned
-        return place
+    from_way_m: float = -np.inf
+    heights_m: list[float] = field(default_factory=list)
+    pressure_alts_m: list[float] = field(default_factory=list)
 
 
 class GlobalFixer:
@@ -127,39 +93,41 @@ class GlobalFixer:
         self._reference = reference
         self._ground = ground
         self._origin_alt_m = origin_alt_amsl_m
+        self._near: NearMatcher | None = None
         self._coarse: EdgeMap | None = None
+        self._ground_m = (origin_alt_amsl_m, 0.0)
         self._odometry: MosaicOdometry | None = None
+        self._contest: Contenders | None = None
         self._parts = 0
+        self._stretch = _Stretch()
+        self._begins_m: list[float] = []
+        self._seen: Mosaic | None = None
         self._sweep: Sweep | None = None
-        self._sweep_mosaic: Mosaic | None = None
-        self._sweep_height_m = 0.0
-        self._searched_way_m = -np.inf
+        self._searched: Searched | None = None
         self._credit = 0.0
         self._last_us: int | None = None
-        self._candidates: list[_Candidate] = []
-        self._others = 1.0
-        self._seen: Mosaic | None = None
-        self._tested_way_m = 0.0
         self._trail: list[MosaicPose] = []
-        self._begun_alt_m = 0.0
-        self.hypotheses: int | None = None
+        self.searches = 0
         self.slices_done = 0
 
     @property
     def words(self) -> str:
         """What it is doing, for people."""
-        if self._candidates:
-            places = max(candidate.places for candidate in self._candidates)
+        contest, config = self._contest, self.config
+        if contest is not None and contest.left and contest.best is not None:
+            agreeing = min(contest.best.agreeing, config.contest.min_pieces)
             return (
-                f"searching the map: {len(self._candidates)} hypotheses, tested on fresh ground "
-                f"({places} of {self.config.min_places} pieces agree)"
+                f"searching the map: {len(contest.left)} hypotheses, tested on other ground "
+                f"({agreeing} of {config.contest.min_pieces} pieces agree)"
             )
-        if self.hypotheses is None:
-            way_m = 0.0 if self._odometry is None else self._odometry.way_m
-            if self._sweep is None:
-                return f"searching the map: {way_m:.0f} of {self.config.min_way_m:.0f} m of ground seen"
+        if self._sweep is not None:
             return f"searching the map: {100.0 * self._sweep.progress:.0f} % of it looked at"
-        return f"searching the map: {self.hypotheses} hypotheses"
+        if self.searches == 0:
+            way_m = 0.0 if self._odometry is None else self._odometry.way_m
+            return (
+                f"searching the map: {way_m:.0f} of {config.stretch_m * config.searched_stretches:.0f} m of ground seen"
+            )
+        return "searching the map: no hypothesis is left, more ground is needed"
 
     def restart(self) -> None:
         """Forget what was seen; the map is kept."""
@@ -168,103 +136,127 @@ class GlobalFixer:
         self._forget()
 
     def _forget(self) -> None:
+        if self._contest is not None:
+            self._contest.forget()
+        self._stretch = _Stretch()
+        self._begins_m.clear()
+        self._seen = None
         self._sweep = None
-        self._candidates = []
-        self._searched_way_m = -np.inf
+        self._searched = None
         self._trail.clear()
-        self.hypotheses = None
+        self.searches = 0
+
+    def _prepared(self) -> tuple[NearMatcher, MosaicOdometry, Contenders]:
+        """The map's edges, read at the first picture, and what works with them."""
+        config = self.config
+        if self._near is None:
+            self._near = NearMatcher(EdgeMap(self._reference, replace(config.search, cell_m=config.near_cell_m)))
+            self._ground_m = self._mean_ground()
+        if self._odometry is None:
+            self._odometry = MosaicOdometry(self._camera, self._near.map.fine_gsd_m, config.mosaic)
+        if self._contest is None:
+            self._contest = Contenders(self._near, self._alt_at, config.search, config.contest)
+        return self._near, self._odometry, self._contest
 
     def offer(self, t_us: int, image: Image, level_from_camera: Float, pressure_alt_m: float) -> FoundPose | None:
         """Use a grey picture; the camera's rotation may be off by any turn about the vertical."""
-        if self._coarse is None or self._odometry is None:
-            self._coarse = EdgeMap(self._reference, self.config.search)
-            self._odometry = MosaicOdometry(self._camera, self._coarse.fine_gsd_m, self.config.mosaic)
-        height_m = max(pressure_alt_m - self._mean_ground()[0], self.config.min_height_m)
-        before = self._odometry.pose
-        if not self._odometry.offer(t_us, image, level_from_camera, height_m):
-            self._work(t_us)
+        matcher, odometry, contest = self._prepared()
+        height_m = max(pressure_alt_m - self._ground_m[0], self.config.min_height_m)
+        before = odometry.pose
+        if odometry.offer(t_us, image, level_from_camera, height_m) and odometry.pose is not None:
+            if odometry.parts != self._parts or before is None:
+                self._parts = odometry.parts
+                self._forget()
+            self._trail.append(odometry.pose)
+            del self._trail[:-8]
+            self._lengthen(odometry, odometry.pose, pressure_alt_m, contest, matcher)
+        pose = odometry.pose
+        if pose is None or not self._work(t_us, contest):
             return None
-        if self._odometry.parts != self._parts or before is None:
-            self._parts = self._odometry.parts
-            self._forget()
-            self._begun_alt_m = pressure_alt_m
-        pose = self._odometry.pose
-        if pose is None:
-            return None
-        self._trail.append(pose)
-        del self._trail[:-8]
-        found = self._check(pose) if self._candidates else None
-        if found is None:
-            self._work(t_us)
-        return found
+        best = contest.accepted(complex(*pose.pos_m))
+        return None if best is None else self._found(best.ahead, pose, pressure_alt_m)
 
-    def _work(self, t_us: int) -> None:
-        """Search on, as far as the time that has passed pays for."""
+    def _lengthen(
+        self, odometry: MosaicOdometry, pose: MosaicPose, pressure_alt_m: float, contest: Contenders,
+        matcher: NearMatcher,
+    ) -> None:  # fmt: skip
+        """Note where the camera is on its stretch of the way, and begin another where that is long enough."""
+        config, stretch = self.config, self._stretch
+        stretch.heights_m.append(pose.height_m)
+        stretch.pressure_alts_m.append(pressure_alt_m)
+        length_m = odometry.way_m - max(stretch.from_way_m, 0.0)
+        if length_m < config.stretch_m:
+            return
+        recent = odometry.mosaic(stretch.from_way_m)
+        if recent is None:
+            return
+        fresh = recent if self._seen is None else recent.without(self._seen)
+        height_m, alt_m = float(np.mean(stretch.heights_m)), float(np.mean(stretch.pressure_alts_m))
+        piece = None
+        if fresh.area_m2 >= config.min_fresh * config.stretch_m * height_m:
+            piece = piece_of(fresh, height_m, alt_m, matcher, config.search)
+        if piece is None and length_m < 2.0 * config.stretch_m:
+            return
+        if piece is not None:
+            contest.see(GroundSeen(fresh, piece, height_m, alt_m))
+            self._begins_m.append(stretch.from_way_m)
+        self._seen = odometry.mosaic()
+        self._stretch = _Stretch(odometry.way_m)
+
+    def _work(self, t_us: int, contest: Contenders) -> bool:
+        """Compare and search on, as far as the time that has passed pays for; True where all is compared."""
         config = self.config
         elapsed_s = 0.0 if self._last_us is None else max(t_us - self._last_us, 0) / 1e6
         self._last_us = t_us
-        self._credit = min(self._credit + elapsed_s * config.cells_per_s, config.max_share_s * config.cells_per_s)
+        most = config.max_share_s * config.cells_per_s
+        self._credit = min(self._credit + elapsed_s * config.cells_per_s, most)
+        while self._credit >= config.comparison_cells:
+            if not contest.step():
+                break
+            self._credit -= config.comparison_cells
+        else:
+            return False
         if self._sweep is None:
-            self._begin_sweep()
-        while self._sweep is not None and self._credit >= min(
-            self._sweep.cells, config.max_share_s * config.cells_per_s
-        ):
+            self._begin_sweep(contest)
+        while self._sweep is not None and self._credit >= min(self._sweep.cells, most):
             self._credit -= self._sweep.cells
             self._sweep.step()
             self.slices_done += 1
             if self._sweep.done:
-                self._conclude(self._sweep)
-                self._sweep = None
+                self._conclude(self._sweep, contest)
+                return False
+        return True
 
-    def _begin_sweep(self) -> None:
-        odometry, coarse, config = self._odometry, self._coarse, self.config
-        if odometry is None or coarse is None or odometry.pose is None:
+    def _begin_sweep(self, contest: Contenders) -> None:
+        odometry, config = self._odometry, self.config
+        last = contest.stretches - 1
+        first = last - config.searched_stretches + 1
+        searched_before = -1 if self._searched is None else self._searched.last
+        if odometry is None or first < 0 or last <= searched_before:
             return
-        if odometry.way_m < max(config.min_way_m, self._searched_way_m + config.again_way_m):
-            return
-        mosaic = odometry.mosaic()
+        mosaic = odometry.mosaic(self._begins_m[first])
         if mosaic is None:
             return
+        if self._coarse is None:
+            self._coarse = EdgeMap(self._reference, config.search)
+        coarse = self._coarse
         template = template_of(mosaic.image, mosaic.known, mosaic.gsd_m, coarse.cell_m, config.search)
-        ground_m, relief_m = self._mean_ground()
-        nominal_m = max(self._begun_alt_m - ground_m, config.min_height_m)
+        height_m, alt_m = contest.heights(first, last)
+        ground_m, relief_m = self._ground_m
+        likely_m = max(alt_m - ground_m, config.min_height_m)
         reach_m = 2.0 * float(np.hypot(config.height_std_m, relief_m))
-        low = max(self._begun_alt_m - ground_m - reach_m, 0.4 * nominal_m)
-        high = max(self._begun_alt_m - ground_m + reach_m, low * 1.1)
-        todo = slices(template, coarse.cell_m, (low / nominal_m, high / nominal_m), config.search)
+        low_m = max(likely_m - reach_m, 0.4 * likely_m)
+        high_m = max(likely_m + reach_m, 1.1 * low_m)
+        todo = slices(template, coarse.cell_m, (low_m / height_m, high_m / height_m), config.search)
         self._sweep = Sweep(coarse, template, todo, config.search)
-        self._sweep_mosaic = mosaic
-        self._sweep_height_m = nominal_m
-        self._searched_way_m = odometry.way_m
+        self._searched = Searched(mosaic, first, last)
 
-    def _conclude(self, sweep: Sweep) -> None:
-        config = self.config
-        places, none = sweep.places(self._log_height_prior)
-        if not places:
-            self.hypotheses = 0
-            return
-        if any(candidate.log_ratio >= config.promising_log_ratio for candidate in self._candidates):
-            return  # fresh ground says more than the same ground again
-        distinct = _distinct(places, config.mode_radius_m)
-        self.hypotheses = len(distinct)
-        mosaic = self._sweep_mosaic
-        kept = [place for place in distinct if place.probability >= config.min_share][: config.max_candidates]
-        if mosaic is None or not kept:
-            return
-        centre_m = _centre_m(mosaic, sweep.template.centre_px)
-        strength = kept[0].height_sigmas / float(np.sqrt(mosaic.area_m2))
-        self._candidates = [
-            _Candidate(p.centre_ne_m, centre_m, p.heading_rad, p.scale, strength, p.probability) for p in kept
-        ]
-        self._others = max(1.0 - sum(place.probability for place in kept), none)
-        self._seen, self._tested_way_m = mosaic, self._searched_way_m
-
-    def _log_height_prior(self, centre_ne_m: Float, scale: Float) -> Float:
-        """What the barometer says of heights above the ground of places (n, 2), scales (n,)."""
-        ground_m = self._ground.alt_amsl_m(centre_ne_m[:, 0], centre_ne_m[:, 1])
-        off_m = self._begun_alt_m - ground_m - scale * self._sweep_height_m
-        prior: Float = -0.5 * np.square(np.nan_to_num(off_m) / self.config.height_std_m)
-        return prior
+    def _conclude(self, sweep: Sweep, contest: Contenders) -> None:
+        self._sweep = None
+        self.searches += 1
+        if self._searched is not None:
+            centre_m = self._searched.mosaic.place_m(sweep.template.centre_px)
+            contest.propose(sweep.places(self.config.contest.max_candidates), self._searched, centre_m)
 
     def _mean_ground(self) -> tuple[float, float]:
         """Mean and standard deviation of the map's ground, AMSL."""
@@ -274,89 +266,25 @@ class GlobalFixer:
         alt = alt[np.isfinite(alt)]
         return (float(alt.mean()), float(alt.std())) if alt.size else (self._origin_alt_m, 0.0)
 
-    def _down_at(self, north_m: float, east_m: float) -> float:
-        alt_m = float(self._ground.alt_amsl_m(np.array([north_m]), np.array([east_m]))[0])
-        return self._origin_alt_m - (alt_m if np.isfinite(alt_m) else self._mean_ground()[0])
+    def _alt_at(self, ne_m: complex) -> float:
+        return float(self._ground.alt_amsl_m(np.array([ne_m.real]), np.array([ne_m.imag]))[0])
 
-    def _check(self, now: MosaicPose) -> FoundPose | None:
-        """Test the candidates on the ground seen since; the pose where one has proved itself."""
-        odometry, config = self._odometry, self.config
-        if odometry is None or self._seen is None or odometry.way_m < self._tested_way_m + config.fresh_way_m:
-            return None
-        recent, whole = odometry.mosaic(self._tested_way_m), odometry.mosaic()
-        self._tested_way_m = odometry.way_m
-        if recent is None or whole is None:
-            return None
-        fresh = recent.without(self._seen)
-        if fresh.area_m2 < 0.3 * config.fresh_way_m * now.height_m:
-            return None
-        self._seen = whole
-        self._candidates = self._tested(fresh)
-        if not self._candidates:
-            return None
-        mass = np.array([c.share * np.exp(min(c.log_ratio, 100.0)) for c in self._candidates])
-        best = self._candidates[int(np.argmax(mass))]
-        proved = best.log_ratio >= config.accept_log_ratio and best.places >= config.min_places
-        if not proved or mass.max() / (mass.sum() + self._others) < config.min_mode:
-            return None
-        return self._found(best, now)
-
-    def _tested(self, fresh: Mosaic) -> list[_Candidate]:
-        """The candidates with what a piece of ground says of each; without those off the map, or ruled out."""
-        coarse, config = self._coarse, self.config
-        if coarse is None:
-            return []
-        template = template_of(fresh.image, fresh.known, fresh.gsd_m, coarse.cell_m, config.search)
-        centre_m = _centre_m(fresh, template.centre_px)
-        todo = [Slice(candidate.turn_rad, candidate.scale) for candidate in self._candidates]
-        sweep = Sweep(coarse, template, todo, config.search)
-        left = []
-        for candidate, what in zip(self._candidates, todo, strict=True):
-            place = sweep.best_near(what, candidate.ne_m(centre_m), config.reach_m)
-            if place is None:
-                continue
-            expected = candidate.strength * float(np.sqrt(fresh.area_m2))
-            gain = config.search.temperature * (expected * place.height_sigmas - 0.5 * expected**2)
-            gain -= config.window_log_ratio
-            gain = float(np.clip(gain, config.min_log_ratio, config.max_log_ratio))
-            tested = replace(
-                candidate, log_ratio=candidate.log_ratio + gain, places=candidate.places + 1 if gain > 0.0 else 0
-            )
-            if gain > 0.0:
-                tested = replace(tested, anchor_ne_m=place.centre_ne_m, anchor_mosaic_m=centre_m)
-            if tested.log_ratio > config.reject_log_ratio:
-                left.append(tested)
-        return left
-
-    def _found(self, candidate: _Candidate, now: MosaicPose) -> FoundPose | None:
+    def _found(self, fit: Fit, now: MosaicPose, pressure_alt_m: float) -> FoundPose:
         config = self.config
-        ne = candidate.ne_m(now.pos_m)
-        height_m = candidate.scale * now.height_m
-        down = self._down_at(float(ne[0]), float(ne[1]))
+        here = complex(*now.pos_m)
+        at = predicted(fit, here, now.height_m, pressure_alt_m, self._alt_at, config.contest.follow)
+        alt_m = at.ground_alt_m if np.isfinite(at.ground_alt_m) else self._ground_m[0]
+        height_m = at.scale * now.height_m
         past = next(pose for pose in self._trail if now.t_us - pose.t_us <= 1_500_000)
         velocity = np.zeros(3)
         if past.t_us < now.t_us:
-            velocity[:2] = (ne - candidate.ne_m(past.pos_m)) / ((now.t_us - past.t_us) / 1e6)
-        std = np.array([config.position_std_m, config.position_std_m, config.height_std_share * height_m])
+            per_s = at.ratio * (here - complex(*past.pos_m)) / ((now.t_us - past.t_us) / 1e6)
+            velocity[:2] = per_s.real, per_s.imag
+        ratio_std = float(np.sqrt(at.cov[1, 1])) / at.scale
+        height_std_m = float(np.hypot(config.height_std_share, ratio_std)) * height_m
+        std = np.array([config.position_std_m, config.position_std_m, height_std_m])
+        place = np.array([at.anchor_ne_m.real, at.anchor_ne_m.imag, self._origin_alt_m - alt_m - height_m])
         return FoundPose(
-            now.t_us, np.array([ne[0], ne[1], down - height_m]), std, velocity, config.velocity_std_m_s,
-            candidate.turn_rad, config.heading_std_rad,
+            now.t_us, place, std, velocity, config.velocity_std_m_s, at.turn_rad,
+            max(config.heading_std_rad, ratio_std),
         )  # fmt: skip
-
-
-def _centre_m(mosaic: Mosaic, centre_px: Float) -> Float:
-    """A pixel's place (2,) in the mosaic's frame."""
-    place: Float = mosaic.first_m + mosaic.gsd_m * centre_px * np.array([-1.0, 1.0])
-    return place
-
-
-def _distinct(places: list[Place], radius_m: float) -> list[Place]:
-    """The places that lie apart and hold at least a hundredth of what the best one does, with what lies about each."""
-    kept: list[Place] = []
-    for place in places:
-        near = [i for i, other in enumerate(kept) if np.hypot(*(place.centre_ne_m - other.centre_ne_m)) < radius_m]
-        if near:
-            kept[near[0]] = replace(kept[near[0]], probability=kept[near[0]].probability + place.probability)
-        elif place.probability >= 0.01 * places[0].probability:
-            kept.append(place)
-    return kept

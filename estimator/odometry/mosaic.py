@@ -71,6 +71,10 @@ class Mosaic:
             known[top:bottom, left:right] &= ~other.known[top - rows : bottom - rows, left - cols : right - cols]
         return Mosaic(self.image, known, self.first_m, self.gsd_m)
 
+    def place_m(self, pixel: Float) -> complex:
+        """Where a pixel (row, column) lies in the mosaic's frame: north + i east."""
+        return complex(self.first_m[0] - self.gsd_m * pixel[0], self.first_m[1] + self.gsd_m * pixel[1])
+
     @property
     def area_m2(self) -> float:
         """How much ground is known."""
@@ -173,7 +177,7 @@ class MosaicOdometry:
             del self._laid[0]
 
     def mosaic(self, from_way_m: float = -np.inf) -> Mosaic | None:
-        """What has been laid since a way, ``max_length_m`` at the most, averaged where pictures overlap.
+        """What has been laid after a way, ``max_length_m`` at the most, averaged where pictures overlap.
 
         None where that is nothing.
         """

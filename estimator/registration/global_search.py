@@ -7,15 +7,13 @@ interpolation and two transforms. (Averaging gradients over cells is the idea of
 CVPR 2005, and of CFOG, Ye et al. 2019. ADR 0010 compares channels.)
 
 A template is correlated with the whole map, one heading and scale (a slice) at a time, so that the work can be spread
-over many pictures. Of each slice the highest places are kept, and the highest of all are refined. A surface is signal
-at one place and clutter elsewhere: in units of the clutter's standard deviation, a true peak of z0 makes the log
-likelihood ratio of a place against "not on this map" z0 z - z0^2 / 2 (the matched filter's; Kay, Fundamentals of
-Statistical Signal Processing II, section 4.3), tempered because clutter has heavier tails than a Gaussian.
+over many pictures. Of each slice the highest places are kept, in units of the slice's clutter. The best of a hundred
+million places owes much to chance, so the search proposes and does not judge: `near_match` and
+`measurements.contenders` do, on other ground.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -25,7 +23,6 @@ from scipy import fft
 
 from estimator.geometry.rotation import wrap_pi
 from estimator.ports import ReferenceMap
-from estimator.registration.verify import vertex
 from estimator.robust import robust_std
 from estimator.types import Float, Image
 
@@ -34,28 +31,25 @@ Mask = NDArray[np.bool_]
 
 MIN_KNOWN_FRACTION = 0.6
 EXCLUDED_CELLS = 3
+MIN_CELLS = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class SearchConfig:
-    """Resolution and judgement of the search.
+    """Resolution of the search.
 
     Edges are found at ``fine_gsd_m`` and averaged over cells of ``cell_m``; ``max_cells`` bounds the map's longer side,
     whose cells are made larger beyond. ``trend_m`` is the wavelength above which edge density is taken for a trend of
     land use and exposure. ``slack_cells`` is how far a template's rim may be off half-way between two headings or
-    scales, and the ``refined`` highest places are looked at between those. ``temperature`` scales the log likelihood;
-    ``lost_prior`` is the probability, before anything is seen, that the aircraft is not over this map.
+    scales; ``peaks_per_slice`` places of each are kept.
     """
 
     fine_gsd_m: float = 1.0
-    cell_m: float = 4.0
+    cell_m: float = 6.0
     max_cells: int = 1400
     trend_m: float = 40.0
     slack_cells: float = 1.5
     peaks_per_slice: int = 8
-    refined: int = 24
-    temperature: float = 0.5
-    lost_prior: float = 0.5
 
 
 def edge_magnitude(image: Image | Float32, known: Mask) -> Float32:
@@ -114,6 +108,17 @@ class EdgeMap:
         rows, cols = self.valid.shape
         return rows, cols
 
+    def holds(self, ne_m: complex) -> bool:
+        """Whether a place, north + i east, lies on the map's cells."""
+        row = (self.north_max_m - ne_m.real) / self.cell_m
+        col = (ne_m.imag - self.east_min_m) / self.cell_m
+        rows, cols = self.shape
+        return -0.5 <= row < rows - 0.5 and -0.5 <= col < cols - 0.5
+
+    def ne_m(self, row: float, col: float) -> Float:
+        """North and east (2,) of a cell."""
+        return np.array([self.north_max_m - row * self.cell_m, self.east_min_m + col * self.cell_m])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slice:
@@ -125,7 +130,7 @@ class Slice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """One of the highest places: where the mosaic's centre lies, its slice, similarity and share of the probability.
+    """One of the highest places: where the mosaic's centre lies (north, east), and its slice.
 
     ``height_sigmas`` is the similarity over its slice's clutter, in the clutter's standard deviations.
     """
@@ -133,22 +138,7 @@ class Place:
     centre_ne_m: Float
     heading_rad: float
     scale: float
-    similarity: float
     height_sigmas: float
-    probability: float = 0.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Peak:
-    """A local maximum of a slice's surface, with the clutter there."""
-
-    height: float
-    value: float
-    row: float
-    col: float
-    what: Slice
-    middle: float
-    clutter: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,8 +198,7 @@ class Sweep:
         self._spectrum = spectrum.astype(np.complex64)
         self._energy, self._known = self._surroundings(coarse, template)
         self._weight = np.where(self._known, 1.0 / np.sqrt(self._energy), 0.0).astype(np.float32)
-        self._found: list[_Peak] = []
-        self._unrefined: list[_Peak] | None = None
+        self._found: list[Place] = []
 
     @staticmethod
     def _surroundings(coarse: EdgeMap, template: Template) -> tuple[Float32, Mask]:
@@ -228,7 +217,7 @@ class Sweep:
     @property
     def done(self) -> bool:
         """Whether everything has been looked at."""
-        return self._unrefined is not None and not self._unrefined
+        return self._next >= len(self._todo)
 
     @property
     def progress(self) -> float:
@@ -241,10 +230,7 @@ class Sweep:
         return self._shape[0] * self._shape[1]
 
     def step(self) -> None:
-        """Look at one more slice, or then refine one more place."""
-        if self._next >= len(self._todo):
-            self._refine_next()
-            return
+        """Look at one more slice."""
         what = self._todo[self._next]
         self._next += 1
         surface = self.surface(what)
@@ -259,81 +245,15 @@ class Sweep:
         middle = float(np.median(sampled))
         clutter = max(robust_std(sampled), 1e-4)
         for value, row, col in _highest(surface, self.config.peaks_per_slice):
-            self._found.append(_Peak((value - middle) / clutter, value, row, col, what, middle, clutter))
-
-    def _refine_next(self) -> None:
-        if self._unrefined is None:
-            self._found.sort(key=lambda peak: -peak.height)
-            self._unrefined = self._found[: self.config.refined]
-            self._found = self._found[self.config.refined :]
-            return
-        if self._unrefined:
-            self._found.append(self._refined(self._unrefined.pop(0)))
-
-    def _refined(self, peak: _Peak, reach: int = 3) -> _Peak:
-        """The best within half a step of heading and scale and a few cells, to a fraction of a cell."""
-        best = peak
-        step = 0.5 * self.config.slack_cells * self._map.cell_m / max(self.template.radius_m, 1.0)
-        for turn in (-step, 0.0, step):
-            for growth in (-step, 0.0, step):
-                what = Slice(peak.what.heading_rad + turn, peak.what.scale * float(np.exp(growth)))
-                tried = self._about(peak, what, reach)
-                if tried is not None and tried.height > best.height:
-                    best = tried
-        return best
-
-    def _about(self, peak: _Peak, what: Slice, reach: int) -> _Peak | None:
-        turned = turned_template(self.template, what, self._map.cell_m, self._half)
-        if turned is None:
-            return None
-        density, pixels = turned
-        around, row, col = self._half + reach, round(peak.row), round(peak.col)
-        padded = np.zeros((2 * around + 1, 2 * around + 1), dtype=np.float32)
-        rows, cols = self._map.shape
-        top, left = max(row - around, 0), max(col - around, 0)
-        bottom, right = min(row + around + 1, rows), min(col + around + 1, cols)
-        inside = self._map.density[top:bottom, left:right]
-        first_r, first_c = top - row + around, left - col + around
-        padded[first_r : first_r + inside.shape[0], first_c : first_c + inside.shape[1]] = inside
-        surface = cv2.matchTemplate(padded, density, cv2.TM_CCORR)
-        own = max(float((density * density).sum()), 1e-6 * pixels)
-        surface = surface / np.sqrt(float(self._energy[row, col]) * pixels * own)
-        r, c = (int(i) for i in np.unravel_index(int(np.argmax(surface)), surface.shape))
-        value = float(surface[r, c])
-        d_r = d_c = 0.0
-        if 0 < r < 2 * reach and 0 < c < 2 * reach:
-            d_r = vertex(surface[r - 1, c], value, surface[r + 1, c])
-            d_c = vertex(surface[r, c - 1], value, surface[r, c + 1])
-        height = (value - peak.middle) / peak.clutter
-        return _Peak(height, value, row - reach + r + d_r, col - reach + c + d_c, what, peak.middle, peak.clutter)
-
-    def best_near(self, what: Slice, centre_ne_m: Float, reach_m: float) -> Place | None:
-        """The best place of one slice, and of those half a step beside it, within a reach of where it should be."""
-        row = (self._map.north_max_m - centre_ne_m[0]) / self._map.cell_m
-        col = (centre_ne_m[1] - self._map.east_min_m) / self._map.cell_m
-        rows, cols = self._map.shape
-        if not (0 <= row < rows and 0 <= col < cols):
-            return None
-        surface = self.surface(what)
-        known = None if surface is None else surface[surface > -0.999]
-        if surface is None or known is None or known.size < 50 or surface[int(row), int(col)] <= -0.999:
-            return None
-        middle = float(np.median(known))
-        clutter = max(robust_std(known), 1e-4)
-        start = _Peak(-np.inf, -1.0, row, col, what, middle, clutter)
-        peak = self._refined(start, max(int(np.ceil(reach_m / self._map.cell_m)), 1))
-        if not np.isfinite(peak.height):
-            return None
-        north_m, east_m = self._map.north_max_m - peak.row * self._map.cell_m, peak.col * self._map.cell_m
-        centre = np.array([north_m, self._map.east_min_m + east_m])
-        return Place(centre, wrap_pi(peak.what.heading_rad), peak.what.scale, peak.value, peak.height)
+            centre = self._map.ne_m(row, col)
+            self._found.append(Place(centre, wrap_pi(what.heading_rad), what.scale, (value - middle) / clutter))
 
     def surface(self, what: Slice) -> Float32 | None:
         """Similarity (rows, cols) with the mosaic's centre at each cell of the map, -1 where too little is known."""
         turned = turned_template(self.template, what, self._map.cell_m, self._half)
         if turned is None:
             return None
-        density, pixels = turned
+        density, pixels = turned.density, turned.cells
         # the rows below the template are empty: their transforms need not be made
         by_row = fft.rfft(density, self._shape[1], axis=1)
         spectrum = fft.fft(by_row, self._shape[0], axis=0, overwrite_x=True)
@@ -348,52 +268,39 @@ class Sweep:
         surface[~self._known] = -1.0
         return np.asarray(surface, dtype=np.float32)
 
-    def places(self, log_prior: Callable[[Float, Float], Float] | None = None) -> tuple[list[Place], float]:
-        """The highest places with their probabilities, the most likely first, and the probability of none of them.
-
-        ``log_prior`` takes centres (n, 2) and scales (n,) to what else speaks for them (n,), at the most zero.
-        """
-        if not self._found:
-            return [], 1.0
-        step_m = self._map.cell_m
-        centres = np.array(
-            [[self._map.north_max_m - p.row * step_m, self._map.east_min_m + p.col * step_m] for p in self._found]
-        )
-        z = np.array([peak.height for peak in self._found])
-        scales = np.array([peak.what.scale for peak in self._found])
-        prior = np.zeros(len(z)) if log_prior is None else log_prior(centres, scales)
-        top_z = max(float(z[np.argmax(z * z.max() * self.config.temperature + prior)]), 0.0)
-        log_ratio = self.config.temperature * (top_z * z - 0.5 * top_z**2) + prior
-        # each kept place stands for the cells of its own peak, of which the whole search holds so many
-        alike = (2 * EXCLUDED_CELLS + 1) ** 2
-        count = max(float(self._map.valid.sum()) * len(self._todo) / alike, 1.0)
-        lost = self.config.lost_prior / (1.0 - self.config.lost_prior)
-        top = max(float(log_ratio.max()), 0.0)
-        mass = np.exp(log_ratio - top) / count
-        none = lost * float(np.exp(-top))
-        total = float(mass.sum()) + none
-        places = [
-            Place(
-                centres[i], wrap_pi(self._found[i].what.heading_rad), self._found[i].what.scale, self._found[i].value,
-                float(z[i]), float(mass[i] / total),
-            )
-            for i in np.argsort(-log_ratio)
-        ]  # fmt: skip
-        return places, none / total
+    def places(self, count: int) -> list[Place]:
+        """The ``count`` highest places, the highest first, one for each peak that neighbouring slices share."""
+        kept: list[Place] = []
+        centres = np.empty((count, 2))
+        slack_m = 2.0 * self.config.slack_cells * self._map.cell_m
+        slack = slack_m / max(self.template.radius_m, 1.0)
+        for place in sorted(self._found, key=lambda place: -place.height_sigmas):
+            near = np.flatnonzero(np.hypot(*(centres[: len(kept)] - place.centre_ne_m).T) < 2.0 * slack_m)
+            if any(_alike(kept[i], place, 1.5 * slack) for i in near):
+                continue
+            centres[len(kept)] = place.centre_ne_m
+            kept.append(place)
+            if len(kept) == count:
+                break
+        return kept
 
 
-def main_mode(places: list[Place], radius_m: float, angle_rad: float) -> float:
-    """Share of the probability of the first place and of those about it."""
-    best = places[0]
-    return sum(
-        place.probability for place in places
-        if np.hypot(*(place.centre_ne_m - best.centre_ne_m)) < radius_m
-        and abs(wrap_pi(place.heading_rad - best.heading_rad)) < angle_rad
-    )  # fmt: skip
+def _alike(first: Place, second: Place, slack: float) -> bool:
+    turned = abs(wrap_pi(first.heading_rad - second.heading_rad))
+    return turned < slack and abs(float(np.log(first.scale / second.scale))) < slack
 
 
-def turned_template(template: Template, what: Slice, cell_m: float, half: int) -> tuple[Float32, float] | None:
-    """A template turned and scaled onto the map's cells (n, n), n = 2 half + 1, of mean zero; and its area in cells."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Turned:
+    """A template on the map's cells, about the middle one: density of mean zero and mask (n, n), and its cells."""
+
+    density: Float32
+    mask: Float32
+    cells: float
+
+
+def turned_template(template: Template, what: Slice, cell_m: float, half: int) -> Turned | None:
+    """A template turned and scaled onto the map's cells, n = 2 half + 1 a side; None where it would be too small."""
     cos, sin = np.cos(what.heading_rad), np.sin(what.heading_rad)
     ratio = cell_m / (template.gsd_m * what.scale)
     # a place (north, east) of the map's lattice is Rot(-heading) of it in the mosaic; rows run against north
@@ -410,9 +317,10 @@ def turned_template(template: Template, what: Slice, cell_m: float, half: int) -
     density = cv2.warpAffine(template.density, matrix, side, flags=flags)
     mask = cv2.warpAffine(template.known.astype(np.float32), matrix, side, flags=flags)
     pixels = float(mask.sum())
-    if pixels < 60.0:
+    if pixels < MIN_CELLS:
         return None
-    return np.asarray(density - mask * (float(density.sum()) / pixels), dtype=np.float32), pixels
+    centred = np.asarray(density - mask * (float(density.sum()) / pixels), dtype=np.float32)
+    return Turned(centred, np.asarray(mask, dtype=np.float32), pixels)
 
 
 def _highest(surface: Float32, count: int) -> list[tuple[float, int, int]]:

@@ -21,7 +21,7 @@ WORLD = WideMap(3)
 FLIGHT = Flight()
 T0_US = 1_700_000_000_000_000
 HEADING_OFF_RAD = 1.9
-SEARCH = GlobalFixConfig(search=SearchConfig(cell_m=3.0), min_way_m=110.0, again_way_m=40.0, fresh_way_m=60.0)
+SEARCH = GlobalFixConfig(search=SearchConfig(cell_m=3.0), near_cell_m=3.0, stretch_m=60.0)
 CONFIG = NavigatorConfig(global_fix=SEARCH)
 
 

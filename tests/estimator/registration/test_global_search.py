@@ -7,10 +7,8 @@ from estimator.geometry.rotation import wrap_pi
 from estimator.registration.global_search import (
     EdgeMap,
     SearchConfig,
-    Slice,
     Sweep,
     Template,
-    main_mode,
     slices,
     template_of,
 )
@@ -45,43 +43,30 @@ def _swept(world: WideMap) -> Sweep:
 
 
 def test_the_place_stands_out_with_heading_and_scale() -> None:
-    places, none = _swept(WORLD).places()
-    best = places[0]
-    # half a cell, and half a step between the refined headings and scales
-    assert_allclose(best.centre_ne_m, CENTRE_NE, atol=1.5)
-    assert wrap_pi(best.heading_rad - HEADING_RAD) == pytest.approx(0.0, abs=0.03)
-    assert best.scale == pytest.approx(SCALE, rel=0.03)
-    assert main_mode(places, 20.0, 0.15) > 0.99
-    assert none < 0.01
-    assert sum(place.probability for place in places) + none == pytest.approx(1.0)
+    best, second = _swept(WORLD).places(2)
+    # half a cell, and half a step between headings and scales
+    assert_allclose(best.centre_ne_m, CENTRE_NE, atol=3.0)
+    step = 2.0 * CONFIG.slack_cells * CONFIG.cell_m / _template().radius_m
+    assert wrap_pi(best.heading_rad - HEADING_RAD) == pytest.approx(0.0, abs=step)
+    assert best.scale == pytest.approx(SCALE, rel=step)
+    # a Gaussian surface of so many independent values reaches five or so
+    assert best.height_sigmas > 8.0 > second.height_sigmas
 
 
 def test_on_a_map_of_elsewhere_no_place_stands_out() -> None:
-    places, none = _swept(OTHER).places()
-    assert main_mode(places, 20.0, 0.15) < 0.99
-    assert none > 0.05
+    assert _swept(OTHER).places(1)[0].height_sigmas < 8.0
 
 
-def test_what_else_is_known_speaks_too() -> None:
-    """What rules out the north of the map rules out the true place, and nothing else is as good."""
-    sweep = _swept(WORLD)
-    places, none = sweep.places(lambda centre_ne_m, scale: np.where(centre_ne_m[:, 0] > 0.0, -300.0, 0.0 * scale))
-    assert places[0].centre_ne_m[0] <= 0.0
-    assert none > sweep.places()[1]
-
-
-def test_one_place_is_tested_alone() -> None:
-    coarse, template = EdgeMap(WORLD, CONFIG), _template()
-    what = Slice(HEADING_RAD, SCALE)
-    sweep = Sweep(coarse, template, [what], CONFIG)
-    here = sweep.best_near(what, CENTRE_NE + np.array([5.0, -4.0]), 12.0)
-    elsewhere = sweep.best_near(what, np.array([-100.0, 60.0]), 12.0)
-    assert here is not None
-    assert elsewhere is not None
-    assert_allclose(here.centre_ne_m, CENTRE_NE, atol=1.5)
-    assert here.height_sigmas > 8.0
-    assert elsewhere.height_sigmas < 5.0
-    assert sweep.best_near(what, np.array([5000.0, 0.0]), 12.0) is None
+def test_places_are_the_highest_and_distinct() -> None:
+    places = _swept(WORLD).places(20)
+    heights = [place.height_sigmas for place in places]
+    assert len(places) == 20
+    assert heights == sorted(heights, reverse=True)
+    for i, place in enumerate(places):
+        for other in places[:i]:
+            apart_m = float(np.hypot(*(place.centre_ne_m - other.centre_ne_m)))
+            turned = abs(wrap_pi(place.heading_rad - other.heading_rad))
+            assert apart_m > 2.0 * CONFIG.cell_m or turned > 0.1 or abs(place.scale - other.scale) > 0.1
 
 
 def test_a_map_too_small_is_refused() -> None:
