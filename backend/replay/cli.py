@@ -7,7 +7,6 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +24,10 @@ from backend.settings import DEFAULT_PORT
 from backend.transports.address import Connection
 from backend.transports.base import TransportError
 from backend.video.errors import VideoError
+from estimator.errors import CalibrationError
 from estimator.navigator import NavigatorConfig
+from estimator.registration.alignment import COMPARED, MatcherConfig
+from estimator.registration.calibration import parse_calibration
 from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
@@ -36,6 +38,9 @@ LeaveOut = Annotated[
 ]
 Offset = Annotated[
     float | None, typer.Option("--time-offset-s", help="Added to frame times, instead of what the folder says.")
+]
+Calibrated = Annotated[
+    Path | None, typer.Option("--calibration", help="A file of pilotage fit-likelihood: its channel and its numbers.")
 ]
 
 
@@ -52,6 +57,7 @@ def replay(
     ] = None,
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
+    calibration: Calibrated = None,
     live: Annotated[
         bool, typer.Option("--live", help="Instead: send telemetry and video to a running station, in real time.")
     ] = False,
@@ -71,7 +77,7 @@ def replay(
     """
     console = Console(stderr=True)
     if live:
-        if out is not None or leave_out or time_offset_s is not None:
+        if out is not None or leave_out or time_offset_s is not None or calibration is not None:
             raise typer.BadParameter("--live goes with --mavlink, --video, --start-s and --station only")
         with _reported_errors(console):
             _play_live(flight, mavlink, video, start_s, station, console)
@@ -79,7 +85,7 @@ def replay(
     if out is None:
         raise typer.BadParameter("say where the results go with --out DIR, or give --live")
     with _reported_errors(console):
-        result = _replayed(flight, out, _options(leave_out, time_offset_s), console)
+        result = _replayed(flight, out, _options(leave_out, time_offset_s, calibration), console)
         timing = result.report["timing"]
         typer.echo(
             f"{result.report['flight']}: {timing['flight_s']:.0f} s in {timing['elapsed_s']:.1f} s "
@@ -93,6 +99,7 @@ def evaluate(
     flights: Annotated[list[Path], typer.Argument(help="Flight folders that have a truth.csv.")],
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
+    calibration: Calibrated = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole result as JSON.")] = False,
 ) -> None:
     """Replay flights and print the errors against their truth.
@@ -103,7 +110,7 @@ def evaluate(
     results: list[tuple[str, ReplayResult]] = []
     with _reported_errors(console), tempfile.TemporaryDirectory() as scratch:
         for number, flight in enumerate(flights):
-            options = _options(leave_out, time_offset_s)
+            options = _options(leave_out, time_offset_s, calibration)
             result = _replayed(flight, Path(scratch) / str(number), options, console)
             if result.evaluation is None:
                 raise StationError(f"{flight}: no truth.csv that overlaps the flight; nothing to evaluate against")
@@ -168,9 +175,20 @@ def _udp_target(option: str, text: str, schemes: tuple[str, ...]) -> tuple[str, 
         raise StationError(f"{option}: {error}") from None
 
 
-def _options(leave_out: list[str] | None, time_offset_s: float | None) -> ReplayOptions:
+def _options(leave_out: list[str] | None, time_offset_s: float | None, calibration: Path | None) -> ReplayOptions:
     ids = frozenset(_known_id(name) for name in leave_out or [])
-    return replace(ReplayOptions(config=NavigatorConfig()), leave_out=ids, time_offset_s=time_offset_s)
+    config = NavigatorConfig() if calibration is None else NavigatorConfig(matcher=_matcher(calibration))
+    return ReplayOptions(leave_out=ids, time_offset_s=time_offset_s, config=config)
+
+
+def _matcher(path: Path) -> MatcherConfig:
+    try:
+        calibration = parse_calibration(path.read_text(encoding="utf-8"), str(path))
+        if calibration.channel not in COMPARED:
+            raise CalibrationError(str(path), f"channel {calibration.channel!r} is none of: {', '.join(COMPARED)}")
+    except (OSError, UnicodeDecodeError, CalibrationError) as error:
+        raise typer.BadParameter(f"--calibration '{path}': {error}") from None
+    return MatcherConfig(channels=calibration.channel, calibration=calibration)
 
 
 def _known_id(name: str) -> int:

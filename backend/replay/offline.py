@@ -301,7 +301,10 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
     modes = [str(state.mode) for state in run.states]
     return {
         "flight": folder.name,
-        "estimator": {"process_models": sorted({s.process_model for s in run.states})},
+        "estimator": {
+            "process_models": sorted({s.process_model for s in run.states}),
+            "calibration": run.navigator.config.matcher.calibrated().version,
+        },
         "errors": None if evaluation is None else evaluation.as_dict(),
         "frames": {"used": run.frames, "without_time": run.frames_untimed, "of_another_shape": run.frames_misshapen},
         "fixes": {"attempted": len(run.fixes), "accepted": accepted, "refused": _reasons(run.fixes)},

@@ -19,7 +19,8 @@ from estimator.navigator import NavigatorConfig
 from estimator.odometry.odometers import ODOMETERS
 from estimator.odometry.tracker import TrackerConfig
 from estimator.registration.alignment import COMPARED, HeadingSource, MatcherConfig
-from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm
+from estimator.registration.calibration import calibration_of
+from estimator.registration.likelihood import LikelihoodForm
 from simulator.scenario import CameraSection, FlightSection, Scenario
 
 GROUPS_2009 = ("position", "velocity", "attitude", "accelerometer_bias", "clone_position", "clone_rotation")
@@ -60,11 +61,13 @@ def baseline() -> NavigatorConfig:
     Its odometry moves both filters, where the thesis lets it move the density alone; and the attitude that the
     autopilot reports stands for its compass, with the sigma of what that errs by.
     """
+    grey = calibration_of("intensity")
+    as_density = replace(grey, likelihood=replace(grey.likelihood, form=LikelihoodForm.SIMILARITY))
     return NavigatorConfig(
         groups=GROUPS_2009,
         reported_attitude_std_rad=0.03,
         odometry=OdometryConfig(method="homography"),
-        matcher=MatcherConfig(channels="intensity", calibration=LikelihoodCalibration(form=LikelihoodForm.SIMILARITY)),
+        matcher=MatcherConfig(channels="intensity", calibration=as_density),
         map_fix=MapFixConfig(
             hand_over=HandOver.DENSITY, couple_attitude=False, temper=False, search_pose=False, use_windows=False,
             max_outlier_probability=1.0, min_unimodality=0.0, max_lost_probability=1.0,
@@ -120,7 +123,7 @@ def channels(short: bool) -> Study:
         FlownRow(name, f"compares {name.replace('_', ' ')}", scenario, NavigatorConfig(matcher=MatcherConfig(name)))
         for name in COMPARED
     )
-    about = f"{MEANING} The calibration of likelihood and refusals is that of the double-angle gradients in all rows."
+    about = f"{MEANING} Each measure has its own fitted calibration of likelihood and outlier probability."
     return Study("channels", "Measures of similarity", about, rows, NAVIGATION, "rms_m", "horizontal rms, m")
 
 

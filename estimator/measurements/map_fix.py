@@ -183,10 +183,10 @@ class MapFixer:
         H = eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
         heading_std = float(np.sqrt(H @ eskf.P @ H.T)[0, 0])
         matcher = self._registrar.config
-        headings = _symmetric(2.5 * heading_std, matcher.heading_step_rad, most=7)
+        headings = symmetric_steps(2.5 * heading_std, matcher.heading_step_rad, most=7)
         height_std = float(np.sqrt(eskf.cov("position")[2, 2])) / height_m
         nadir = camera.ned_from_camera[2, 2] > 0.9
-        scales = _symmetric(2.5 * height_std, matcher.scale_step, most=2) if nadir else np.zeros(1)
+        scales = symmetric_steps(2.5 * height_std, matcher.scale_step, most=2) if nadir else np.zeros(1)
         return headings, scales
 
     def _fuse(
@@ -204,7 +204,7 @@ class MapFixer:
         # a refused picture stays in the density: the next from the same place tells it nothing new
         confused_m = self.config.ambiguity_share * match.footprint_m
         told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
-        calibration = self._registrar.config.calibration
+        calibration = self._registrar.calibration.likelihood
         values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
         if fresh and values.max() < MIN_CONTRAST:
             self._density = None
@@ -373,7 +373,7 @@ def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 
     return accepted
 
 
-def _symmetric(reach: float, step: float, most: int) -> Float:
+def symmetric_steps(reach: float, step: float, most: int) -> Float:
     """Zero and ``most`` steps at the most to either side, enough to reach ``reach``; at least one."""
     count = int(np.clip(np.ceil(reach / step), 1, most))
     return step * np.arange(-count, count + 1, dtype=np.float64)

@@ -57,18 +57,20 @@ def outlier_probability(evidence: Evidence, weights: AcceptanceWeights) -> float
     return float(1.0 / (1.0 + np.exp(-np.clip(log_odds, -30.0, 30.0))))
 
 
-def fit_weights(rows: Float, wrong: Float, ridge: float = 0.3) -> Float:
+def fit_weights(rows: Float, wrong: Float, ridge: float = 0.3, counts: Float | None = None) -> Float:
     """Bias and weights (k + 1,) by penalised logistic regression on feature rows (n, k) and labels (n,), one for wrong.
 
-    Newton's method on standardised features; the ridge keeps separable data from running to infinity.
+    Newton's method on standardised features; the ridge keeps separable data from running to infinity. ``counts`` (n,)
+    says how often each row counts, once unless given.
     """
+    counts = np.ones(len(rows)) if counts is None else counts
     mean, std = rows.mean(axis=0), np.maximum(rows.std(axis=0), 1e-6)
     A = np.concatenate((np.ones((len(rows), 1)), (rows - mean) / std), axis=1)
     penalty = ridge * np.diag([0.0, *np.ones(rows.shape[1])])
     w = np.zeros(A.shape[1])
     for _ in range(50):
         p = 1.0 / (1.0 + np.exp(-np.clip(A @ w, -30.0, 30.0)))
-        H = A.T @ (A * (p * (1.0 - p))[:, None]) + penalty + 1e-9 * np.eye(len(w))
-        w = w - np.linalg.solve(H, A.T @ (p - wrong) + penalty @ w)
+        H = A.T @ (A * (counts * p * (1.0 - p))[:, None]) + penalty + 1e-9 * np.eye(len(w))
+        w = w - np.linalg.solve(H, A.T @ (counts * (p - wrong)) + penalty @ w)
     slopes = w[1:] / std
     return np.concatenate(([w[0] - slopes @ mean], slopes))

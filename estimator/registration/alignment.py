@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from estimator.geometry.camera import Camera
 from estimator.geometry.ground import ground_point_by_pose, intersect_plane
 from estimator.ports import Correlation, GroundModel, ReferenceMap
+from estimator.registration.calibration import Calibration, calibration_of
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
-from estimator.registration.likelihood import LikelihoodCalibration, log_matched
+from estimator.registration.likelihood import log_matched
 from estimator.registration.lines import headings_by_lines
 from estimator.registration.mind import self_similarity
 from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
-from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
+from estimator.registration.verify import MatchEvidence, Peak, consensus, find_peak, outlier_probability
 from estimator.types import Float, Image
 
 COMPARED: dict[str, Callable[[Image], Channels]] = {**CHANNELS, "mind": self_similarity}
@@ -39,7 +40,8 @@ class MatcherConfig:
 
     ``max_template_px`` bounds the rectified picture; ``max_obliquity_rad`` leaves out ground seen at a grazing angle.
     With ``heading_from`` lines the grid shrinks to its middle, and headings up to ``line_reach_rad`` off that the lines
-    of picture and map suggest are tried as well, each with a neighbour to either side.
+    of picture and map suggest are tried as well, each with a neighbour to either side. Without a ``calibration`` the
+    matcher has that of its channels which comes with the package.
     """
 
     channels: str = "double_angle"
@@ -51,9 +53,12 @@ class MatcherConfig:
     max_obliquity_rad: float = 1.2
     heading_step_rad: float = 0.026
     scale_step: float = 0.02
-    calibration: LikelihoodCalibration = field(default_factory=LikelihoodCalibration)
-    verification: VerificationWeights = field(default_factory=VerificationWeights)
+    calibration: Calibration | None = None
     refinement: RefineConfig = field(default_factory=RefineConfig)
+
+    def calibrated(self) -> Calibration:
+        """The calibration that counts: its own, or the one of its channels that comes with the package."""
+        return self.calibration or calibration_of(self.channels)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,7 +75,8 @@ class Match:
 
     ``centre_ned_m`` (3,) is the ground point about which heading and scale are taken; ``correlation`` is over the
     displacement (true minus predicted) of that point. ``heading_rad`` and ``scale`` are the corrections of the best
-    hypothesis with their standard deviations, infinite where the hypotheses do not tell. ``template`` is what was
+    hypothesis with their standard deviations, infinite where the hypotheses do not tell. ``evidence`` is what the
+    outlier probability was made of. ``template`` is what was
     compared, for ``Registrar.refine``.
     """
 
@@ -78,6 +84,7 @@ class Match:
     peak: Peak
     displacement_ne_m: Float
     centre_ned_m: Float
+    evidence: MatchEvidence
     heading_rad: float
     heading_std_rad: float
     scale: float
@@ -145,6 +152,10 @@ class Registrar:
         self.config = config or MatcherConfig()
         if self.config.channels not in COMPARED:
             message = f"unknown channels {self.config.channels!r}; known: {', '.join(COMPARED)}"
+            raise ValueError(message)
+        self.calibration = self.config.calibrated()
+        if self.calibration.channel != self.config.channels:
+            message = f"the calibration {self.calibration.version!r} is not of the channels {self.config.channels!r}"
             raise ValueError(message)
         self._camera = camera
         self._reference = reference
@@ -214,10 +225,11 @@ class Registrar:
         if not tried:
             return NoMatch("the picture does not cover enough mapped ground")
         best = max(tried, key=lambda a: a.peak.value)
-        heading, heading_std = _vertex(tried, best, self.config, lambda a: a.heading_rad)
+        t = self.calibration.likelihood.temperature
+        heading, heading_std = _vertex(tried, best, lambda a: a.heading_rad, t)
         others = [a for a in (attempt(best.heading_rad, float(s)) for s in scales if s != 0.0) if a is not None]
         best_scale = max([best, *others], key=lambda a: a.peak.value)
-        scale, scale_std = _vertex([best, *others], best_scale, self.config, lambda a: a.scale)
+        scale, scale_std = _vertex([best, *others], best_scale, lambda a: a.scale, t)
         best = best_scale
         step = patch.gsd_m
         correlation = Correlation(best.surface, radius_px * step, -radius_px * step, step, best.pixels)
@@ -228,9 +240,14 @@ class Registrar:
             best.template, best.mask, best.points_ned_m, patch.offsets_ne_m, patch.centre_ned_m, pose.pos_ned_m,
             search.channels, radius_px, step,
         )  # fmt: skip
+        row, col = (round(at) for at in (best.peak.row, best.peak.col))
+        evidence = MatchEvidence(
+            best.peak, consensus(best.template, best.mask, search.channels, row, col),
+            _share(best.heading_rad, [a.heading_rad for a in tried]), _share(best.scale, [a.scale for a in others]),
+        )  # fmt: skip
         return Match(
-            correlation, best.peak, displacement, patch.centre_ned_m, heading, heading_std, scale, scale_std,
-            outlier_probability(best.peak, self.config.verification), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
+            correlation, best.peak, displacement, patch.centre_ned_m, evidence, heading, heading_std, scale, scale_std,
+            outlier_probability(evidence, self.calibration.outlier), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
             template,
         )  # fmt: skip
 
@@ -400,8 +417,13 @@ def _uint8(image: np.ndarray) -> Image:
     return np.asarray(image, dtype=np.uint8)
 
 
+def _share(correction: float, tried: list[float]) -> float:
+    """A correction as a share of the largest that was tried; 0 where only none was."""
+    return abs(correction) / max((abs(c) for c in tried), default=0.0) if any(tried) else 0.0
+
+
 def _vertex(
-    tried: list[_Attempt], best: _Attempt, config: MatcherConfig, parameter: Callable[[_Attempt], float]
+    tried: list[_Attempt], best: _Attempt, parameter: Callable[[_Attempt], float], temperature: float
 ) -> tuple[float, float]:
     """Best value of a hypothesis parameter and its standard deviation, from a parabola through the log likelihoods."""
     values = sorted(tried, key=parameter)
@@ -413,7 +435,7 @@ def _vertex(
         return parameter(best), abs(parameter(values[1]) - parameter(values[0]))
     around = values[index - 1 : index + 2]
     x = np.array([parameter(a) for a in around])
-    log_p = log_matched(np.array([a.peak.value for a in around]), best.peak, config.calibration.temperature)
+    log_p = log_matched(np.array([a.peak.value for a in around]), best.peak, temperature)
     a, b, _ = np.polyfit(x - x[1], log_p, 2)
     if a >= -1e-9:
         return parameter(best), float("inf")

@@ -26,18 +26,17 @@ class LikelihoodForm(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class LikelihoodCalibration:
-    """How far to trust a similarity surface; versioned because results depend on it.
+    """How far to trust a similarity surface; fitted numbers come from ``calibration.calibration_of``.
 
     ``temperature`` scales the log likelihood of a matched filter: one if neighbouring pixels erred independently of the
     scene, less because they do not. ``map_std_m`` and ``map_std_px`` make up the standard deviation of the reference's
     own local error; ``floor`` is the smallest probability that the whole surface is wrong.
     """
 
-    version: str = "double_angle/2"
-    temperature: float = 0.2
-    map_std_m: float = 0.4
-    map_std_px: float = 0.8
-    floor: float = 0.02
+    temperature: float
+    map_std_m: float
+    map_std_px: float
+    floor: float
     form: LikelihoodForm = LikelihoodForm.MATCHED
 
 

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.registration.calibration import calibration_of
 from estimator.registration.channels import double_angle_gradients
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration
@@ -41,7 +42,7 @@ class MatchabilityConfig:
     clutter: float = 2.2
     ambiguous: float = 0.2
     weak_peak: float = 5.0
-    calibration: LikelihoodCalibration = field(default_factory=LikelihoodCalibration)
+    calibration: LikelihoodCalibration = field(default_factory=lambda: calibration_of("double_angle").likelihood)
 
     def __post_init__(self) -> None:
         if not (self.footprint_m > 0.0 and self.radius_m > 0.0 and 0.0 < self.step_share <= 1.0):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from backend import cli
+from estimator.registration.calibration import calibration_of, toml_of
 from geodata.flight_tables import Click
 from tests.backend.flight_maker import T0_US
 from tests.backend.replay.flown import EARTH_M, SPEED_M_S, write_known_flight
@@ -63,6 +65,17 @@ def test_a_delay_of_the_video_can_be_given_instead_of_the_folders(
     assert math.radians(lats[1] - lats[0]) * EARTH_M == pytest.approx(2.0 * SPEED_M_S, abs=0.1)
 
 
+def test_a_calibration_of_ones_own_is_used_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_known_flight(tmp_path / "f")
+    (tmp_path / "mine.toml").write_text(toml_of(replace(calibration_of("mind"), version="mind/mine")))
+    versions = []
+    for option in ([], ["--calibration", str(tmp_path / "mine.toml")]):
+        assert cli.run(["evaluate", str(tmp_path / "f"), "--json", *option]) == 0
+        versions.append(json.loads(capsys.readouterr().out)[0]["estimator"]["calibration"])
+
+    assert versions == [calibration_of("double_angle").version, "mind/mine"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "status", "words"),
     [
@@ -70,6 +83,8 @@ def test_a_delay_of_the_video_can_be_given_instead_of_the_folders(
         (["replay", "f"], 2, "--out"),
         (["evaluate", "f", "--leave-out", "SMOKE_SIGNAL"], 2, "SMOKE_SIGNAL"),
         (["evaluate", "f", "--leave-out", "ATTITUDE"], 1, "waiting for"),
+        (["replay", "f", "--out", "out", "--calibration", "none.toml"], 2, "none.toml"),
+        (["evaluate", "f", "--calibration", "f/flight.json"], 2, "is not TOML"),
         (["evaluate", "no_truth"], 1, "truth.csv"),
         (["evaluate", "no_telemetry"], 1, "telemetry.tlog"),
         (["replay", "f", "--out", "f/flight.json"], 1, "flight.json"),

@@ -40,7 +40,8 @@ def test_the_ladder_begins_in_2009_and_ends_with_the_defaults() -> None:
     assert last[2] == NavigatorConfig()
     config = first[2]
     assert config.matcher.channels == "intensity"
-    assert config.matcher.calibration.form is LikelihoodForm.SIMILARITY
+    assert config.matcher.calibration is not None
+    assert config.matcher.calibration.likelihood.form is LikelihoodForm.SIMILARITY
     assert not config.map_fix.couple_attitude
     assert config.odometry.method == "homography"
 

@@ -12,6 +12,7 @@ from estimator.registration.alignment import (
     NoMatch,
     Registrar,
 )
+from estimator.registration.calibration import calibration_of
 from tests.estimator.registration.textured_map import (
     CAMERA,
     MAP,
@@ -220,3 +221,9 @@ def test_lines_suggest_a_heading_beyond_the_grid() -> None:
     assert by_lines.heading_rad == pytest.approx(np.deg2rad(14.0), abs=np.deg2rad(1.0))
     assert by_lines.peak.value > by_grid.peak.value + 0.2
     assert_allclose(by_lines.displacement_ne_m, [-4.0, 3.0], atol=1.0)
+
+
+def test_calibration_is_that_of_the_channels_and_no_other() -> None:
+    assert _registrar(channels="mind").calibration == calibration_of("mind")
+    with pytest.raises(ValueError, match=r"double_angle.*not of the channels 'mind'"):
+        _registrar(channels="mind", calibration=calibration_of("double_angle"))

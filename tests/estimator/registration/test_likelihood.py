@@ -221,7 +221,7 @@ def test_featureless_surface_gives_a_flat_likelihood() -> None:
 
 def test_similarity_taken_as_a_density_is_itself() -> None:
     """The 2009 form: proportional to the correlation where that is positive, nothing where it is not."""
-    calibration = LikelihoodCalibration(form=LikelihoodForm.SIMILARITY)
+    calibration = replace(CALIBRATION, form=LikelihoodForm.SIMILARITY)
     correlation = _correlation((3.0, -2.0), 4.0)
     below = replace(correlation, surface=correlation.surface - np.float32(0.2))
 

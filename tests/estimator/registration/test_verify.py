@@ -3,9 +3,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.registration.verify import Peak, VerificationWeights, find_peak, outlier_probability
+from estimator.registration.calibration import calibration_of
+from estimator.registration.verify import (
+    FEATURES,
+    MatchEvidence,
+    OutlierWeights,
+    Peak,
+    consensus,
+    features,
+    find_peak,
+    outlier_probability,
+)
 
-WEIGHTS = VerificationWeights()
+WEIGHTS = calibration_of("double_angle").outlier
+
+
+def _judged(peak: Peak, agreement: float = 2.0, turn: float = 0.3) -> float:
+    """Outlier probability of a peak whose windows agree and that needs a middling turn."""
+    return outlier_probability(MatchEvidence(peak, agreement, turn, 0.0), WEIGHTS)
 
 
 def _surface(row: float, col: float, height: float = 0.7, noise: float = 0.03) -> np.ndarray:
@@ -30,9 +45,9 @@ def test_clear_peak_is_believed_and_noise_is_not() -> None:
 
     assert clear is not None
     assert noise is not None
-    assert outlier_probability(clear, WEIGHTS) < 0.02
+    assert _judged(clear) < 0.02
     # the limit of acceptance
-    assert outlier_probability(noise, WEIGHTS) > 0.5
+    assert _judged(noise) > 0.5
 
 
 def test_second_peak_is_measured_and_makes_less_sure() -> None:
@@ -43,7 +58,7 @@ def test_second_peak_is_measured_and_makes_less_sure() -> None:
     assert doubled is not None
     assert doubled.second_ratio == pytest.approx(0.63 / alone.value, abs=0.08)
     assert alone.second_ratio < 0.3
-    assert outlier_probability(doubled, WEIGHTS) > outlier_probability(alone, WEIGHTS)
+    assert _judged(doubled) > _judged(alone)
 
 
 def test_peak_at_the_edge_is_not_believed() -> None:
@@ -52,7 +67,7 @@ def test_peak_at_the_edge_is_not_believed() -> None:
 
     assert peak is not None
     assert peak.at_edge
-    assert outlier_probability(peak, WEIGHTS) > 0.9
+    assert _judged(peak) > _judged(replace(peak, at_edge=False))
 
 
 def test_unknown_parts_are_passed_over() -> None:
@@ -68,12 +83,48 @@ def test_unknown_parts_are_passed_over() -> None:
     assert find_peak(np.full((9, 9), np.nan)) is None
 
 
-def test_probability_falls_with_every_sign_of_quality() -> None:
-    base = Peak(row=5.0, col=5.0, value=0.4, psr=5.0, second_ratio=0.8, at_edge=False, height=0.25, clutter_std=0.05)
-    better = [replace(base, value=0.6), replace(base, psr=8.0), replace(base, second_ratio=0.5)]
+@pytest.mark.parametrize("channel", ["double_angle", "intensity", "edge_overlap", "mind"])
+def test_probability_falls_where_all_signs_are_better(channel: str) -> None:
+    weights = calibration_of(channel).outlier
+    poor = Peak(5.0, 5.0, 0.05, 4.0, 0.95, False, 0.06, 0.015, 0.1)
+    good = Peak(5.0, 5.0, 0.4, 10.0, 0.4, False, 0.4, 0.03, 0.1)
 
-    for peak in better:
-        assert outlier_probability(peak, WEIGHTS) < outlier_probability(base, WEIGHTS)
+    wrong = outlier_probability(MatchEvidence(poor, 0.5, 1.0, 1.0), weights)
+    right = outlier_probability(MatchEvidence(good, 4.0, 0.0, 0.0), weights)
+
+    assert right < 0.1
+    assert wrong > 0.4
+
+
+def test_log_odds_are_linear_in_the_features() -> None:
+    peak = Peak(row=5.0, col=5.0, value=0.4, psr=5.0, second_ratio=0.8, at_edge=True, height=0.25, clutter_std=0.05)
+    evidence = MatchEvidence(peak, 1.5, 0.5, -0.2)
+    weights = OutlierWeights(0.3, tuple(0.1 * k for k in range(len(FEATURES))))
+
+    log_odds = 0.3 + float(features(evidence) @ weights.weights)
+
+    assert outlier_probability(evidence, weights) == pytest.approx(1.0 / (1.0 + np.exp(-log_odds)))
+    by_name = dict(zip(FEATURES, features(evidence), strict=True))
+    assert (by_name["height"], by_name["at_edge"]) == (pytest.approx(5.0), 1.0)
+    assert (by_name["turn"], by_name["stretch"]) == (pytest.approx(0.25), pytest.approx(0.04))
+
+
+def test_windows_of_a_part_of_the_map_agree_and_those_of_another_do_not() -> None:
+    """A third of the windows alike is chance; the same picture with noise is alike everywhere."""
+    rng = np.random.default_rng(3)
+    ground = rng.normal(size=(2, 90, 90)).astype(np.float32)
+    noise = rng.normal(size=(2, 60, 60)).astype(np.float32)
+    mask = np.ones((60, 60), dtype=np.bool_)
+    patched = noise.copy()
+    patched[:, :20, :20] = ground[:, 10:30, 15:35]
+
+    same = consensus(ground[:, 10:70, 15:75] + noise, mask, ground, 10, 15)
+    one_window = consensus(patched, mask, ground, 10, 15)
+
+    assert same > 10.0
+    # one of nine: mean a ninth, standard error a ninth
+    assert one_window == pytest.approx(1.0, abs=0.3)
+    assert consensus(ground[:, 10:70, 15:75], np.zeros_like(mask), ground, 10, 15) == 0.0
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.06])
