@@ -205,7 +205,9 @@ class MapFixer:
         confused_m = self.config.ambiguity_share * match.footprint_m
         told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
         calibration = self._registrar.calibration.likelihood
-        values, north_max, east_min = likelihood(match.correlation, match.peak, calibration, 0.0, density.cell_m, told)
+        values, north_max, east_min = likelihood(
+            match.correlation, match.peak, calibration, match.outlier_probability, density.cell_m, told
+        )
         if fresh and values.max() < MIN_CONTRAST:
             self._density = None
             self.rejected_in_row += 1

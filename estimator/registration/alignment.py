@@ -16,15 +16,19 @@ from estimator.ports import Correlation, GroundModel, ReferenceMap
 from estimator.registration.calibration import Calibration, calibration_of
 from estimator.registration.channels import CHANNELS, Channels
 from estimator.registration.correlation import SearchArea
-from estimator.registration.likelihood import log_matched
+from estimator.registration.likelihood import LikelihoodCalibration, log_matched
 from estimator.registration.lines import headings_by_lines
 from estimator.registration.mind import self_similarity
 from estimator.registration.refine import RefineConfig, Refinement, cut_windows, refine
-from estimator.registration.verify import MatchEvidence, Peak, consensus, find_peak, outlier_probability
+from estimator.registration.verify import MatchEvidence, Peak, find_peak, outlier_probability
 from estimator.types import Float, Image
 
 COMPARED: dict[str, Callable[[Image], Channels]] = {**CHANNELS, "mind": self_similarity}
 """The channel functions a matcher can be configured with."""
+
+OTHER = {name: "double_angle" if name == "intensity" else "intensity" for name in COMPARED}
+"""By which channels a match is looked at once more: by the tones where it was found by edges, and the other way."""
+OTHER_REACH_PX = 2
 
 
 class HeadingSource(StrEnum):
@@ -190,7 +194,7 @@ class Registrar:
         def attempt(heading_rad: float, scale: float) -> _Attempt | None:
             return self._attempt(source, search, patch, pose, heading_rad, scale)
 
-        return self._best(attempt, headings_rad, scales, patch, search, radius_px, half_ne, pose)
+        return self._best(attempt, headings_rad, scales, patch, search, radius_px, half_ne, pose, area)
 
     def refine(self, match: Match, displacement_ne_m: Float, prior_cov: Float) -> Refinement | None:
         """The camera pose error that the picture tells, near a displacement (2,) of the match's centre.
@@ -220,16 +224,17 @@ class Registrar:
     def _best(
         self, attempt: Callable[[float, float], _Attempt | None], headings_rad: Float, scales: Float, patch: _Patch,
         search: SearchArea, radius_px: int, half_ne: Float, pose: CameraPose,
+        area: _MapArea,
     ) -> Match | NoMatch:  # fmt: skip
         tried = [a for a in (attempt(float(h), 0.0) for h in headings_rad) if a is not None]
         if not tried:
             return NoMatch("the picture does not cover enough mapped ground")
         best = max(tried, key=lambda a: a.peak.value)
-        t = self.calibration.likelihood.temperature
-        heading, heading_std = _vertex(tried, best, lambda a: a.heading_rad, t)
+        c = self.calibration.likelihood
+        heading, heading_std = _vertex(tried, best, lambda a: a.heading_rad, c)
         others = [a for a in (attempt(best.heading_rad, float(s)) for s in scales if s != 0.0) if a is not None]
         best_scale = max([best, *others], key=lambda a: a.peak.value)
-        scale, scale_std = _vertex([best, *others], best_scale, lambda a: a.scale, t)
+        scale, scale_std = _vertex([best, *others], best_scale, lambda a: a.scale, c)
         best = best_scale
         step = patch.gsd_m
         correlation = Correlation(best.surface, radius_px * step, -radius_px * step, step, best.pixels)
@@ -240,16 +245,29 @@ class Registrar:
             best.template, best.mask, best.points_ned_m, patch.offsets_ne_m, patch.centre_ned_m, pose.pos_ned_m,
             search.channels, radius_px, step,
         )  # fmt: skip
-        row, col = (round(at) for at in (best.peak.row, best.peak.col))
         evidence = MatchEvidence(
-            best.peak, consensus(best.template, best.mask, search.channels, row, col),
-            _share(best.heading_rad, [a.heading_rad for a in tried]), _share(best.scale, [a.scale for a in others]),
-        )  # fmt: skip
+            best.peak, _share(best.heading_rad, [a.heading_rad for a in tried]), self._other_similarity(best, area)
+        )
         return Match(
             correlation, best.peak, displacement, patch.centre_ned_m, evidence, heading, heading_std, scale, scale_std,
             outlier_probability(evidence, self.calibration.outlier), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
             template,
         )  # fmt: skip
+
+    def _other_similarity(self, best: _Attempt, area: _MapArea) -> float:
+        """How alike the best attempt and the map are within ``OTHER_REACH_PX`` of its peak, by the other channels."""
+        measure = COMPARED[OTHER[self.config.channels]]
+        rows, cols = best.mask.shape
+        window = tuple(
+            slice(max(round(at) - OTHER_REACH_PX, 0), min(round(at) + OTHER_REACH_PX, size - own) + own)
+            for at, own, size in (
+                (best.peak.row, rows, area.known.shape[0]),
+                (best.peak.col, cols, area.known.shape[1]),
+            )
+        )
+        around = SearchArea(measure(area.image[window]), area.known[window], best.mask.shape)
+        surface = around.correlate(measure(best.image), best.mask)
+        return float(np.nanmax(surface)) if np.isfinite(surface).any() else 0.0
 
     def _patch(self, pose: CameraPose) -> _Patch | NoMatch:
         footprint = self._footprint(pose)
@@ -365,7 +383,7 @@ class Registrar:
         peak = find_peak(surface)
         if peak is None:
             return None
-        return _Attempt(surface, peak, heading_rad, scale, int(mask.sum()), channels, mask, points)
+        return _Attempt(surface, peak, heading_rad, scale, int(mask.sum()), channels, mask, points, template)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -378,6 +396,7 @@ class _Attempt:
     template: Channels
     mask: NDArray[np.bool_]
     points_ned_m: Float
+    image: Image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -423,7 +442,10 @@ def _share(correction: float, tried: list[float]) -> float:
 
 
 def _vertex(
-    tried: list[_Attempt], best: _Attempt, parameter: Callable[[_Attempt], float], temperature: float
+    tried: list[_Attempt],
+    best: _Attempt,
+    parameter: Callable[[_Attempt], float],
+    calibration: LikelihoodCalibration,
 ) -> tuple[float, float]:
     """Best value of a hypothesis parameter and its standard deviation, from a parabola through the log likelihoods."""
     values = sorted(tried, key=parameter)
@@ -435,7 +457,7 @@ def _vertex(
         return parameter(best), abs(parameter(values[1]) - parameter(values[0]))
     around = values[index - 1 : index + 2]
     x = np.array([parameter(a) for a in around])
-    log_p = log_matched(np.array([a.peak.value for a in around]), best.peak, temperature)
+    log_p = log_matched(np.array([a.peak.value for a in around]), best.peak, calibration)
     a, b, _ = np.polyfit(x - x[1], log_p, 2)
     if a >= -1e-9:
         return parameter(best), float("inf")

@@ -19,7 +19,14 @@ from estimator.registration.likelihood import LikelihoodCalibration
 from estimator.registration.verify import FEATURES, OutlierWeights
 
 SCHEMA = "pilotage.likelihood/1"
-_LIKELIHOOD = {"temperature": (1e-6, 1e3), "map_std_m": (0.0, 100.0), "map_std_px": (0.0, 100.0), "floor": (1e-6, 0.5)}
+_LIKELIHOOD = {
+    "temperature": (1e-6, 1e3),
+    "power": (-2.0, 2.0),
+    "map_std_m": (0.0, 100.0),
+    "map_std_px": (0.0, 100.0),
+    "floor": (1e-6, 0.5),
+    "doubt": (0.0, 1.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +74,20 @@ def parse_calibration(text: str, source: str) -> Calibration:
     if data.get("schema") != SCHEMA:
         raise CalibrationError(source, f"schema is {data.get('schema')!r}; this version reads {SCHEMA!r}")
     version, channel = (_text(data, name, source) for name in ("version", "channel"))
-    likelihood = _section(data, "likelihood", source)
-    numbers = {name: _number(likelihood, name, source, *limits) for name, limits in _LIKELIHOOD.items()}
-    fitted_likelihood = LikelihoodCalibration(
-        numbers["temperature"], numbers["map_std_m"], numbers["map_std_px"], numbers["floor"]
-    )
-    _no_others(likelihood, "likelihood", tuple(_LIKELIHOOD), source)
+    section = _section(data, "likelihood", source)
+    numbers = {name: _number(section, name, source, *limits) for name, limits in _LIKELIHOOD.items()}
+    likelihood = LikelihoodCalibration(
+        numbers["temperature"], numbers["power"], numbers["map_std_m"], numbers["map_std_px"], numbers["floor"],
+        numbers["doubt"],
+    )  # fmt: skip
+    _no_others(section, "likelihood", tuple(_LIKELIHOOD), source)
     outlier = _section(data, "outlier", source)
     _no_others(outlier, "outlier", ("bias", *FEATURES), source)
     weights = OutlierWeights(
         _number(outlier, "bias", source), tuple(_number(outlier, name, source) for name in FEATURES)
     )
     fitted = {str(k): v if isinstance(v, int) else str(v) for k, v in _section(data, "fitted_on", source).items()}
-    return Calibration(version, channel, fitted, fitted_likelihood, weights)
+    return Calibration(version, channel, fitted, likelihood, weights)
 
 
 def toml_of(calibration: Calibration) -> str:

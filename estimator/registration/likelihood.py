@@ -13,6 +13,8 @@ from estimator.ports import Correlation
 from estimator.registration.verify import Peak
 from estimator.types import Float
 
+MAX_OUTLIER = 0.98
+
 
 class LikelihoodForm(StrEnum):
     """``matched`` is calibrated by the surface's own clutter; ``similarity`` takes the correlation itself as a density.
@@ -29,27 +31,34 @@ class LikelihoodCalibration:
     """How far to trust a similarity surface; fitted numbers come from ``calibration.calibration_of``.
 
     ``temperature`` scales the log likelihood of a matched filter: one if neighbouring pixels erred independently of the
-    scene, less because they do not. ``map_std_m`` and ``map_std_px`` make up the standard deviation of the reference's
-    own local error; ``floor`` is the smallest probability that the whole surface is wrong.
+    scene, less because they do not. ``power`` is that of the peak's height in it: one for a matched filter, less
+    because a high peak is not as much sharper. ``map_std_m`` and ``map_std_px`` make up the standard deviation of the
+    reference's own local error. The probability that the surface says nothing of the truth is ``floor`` and ``doubt``
+    times the outlier probability: where the peak is wrong the truth may still be among the lesser ones.
     """
 
     temperature: float
+    power: float
     map_std_m: float
     map_std_px: float
     floor: float
+    doubt: float
     form: LikelihoodForm = LikelihoodForm.MATCHED
 
 
-def log_matched(similarity: NDArray[np.floating], peak: Peak, temperature: float) -> Float:
-    """Log likelihood of similarities, up to a constant: t z0 z, with z in deviations of the surface's clutter.
+def log_matched(similarity: NDArray[np.floating], peak: Peak, calibration: LikelihoodCalibration) -> Float:
+    """Log likelihood of similarities, up to a constant: t z0^q z, with z in deviations of the surface's clutter.
 
     A similarity is signal plus clutter of standard deviation s, which the surface itself shows away from its peak; with
     a signal of the peak's size c0 the log likelihood of a place is c0 c / s^2 = z0 z. Lines and repeated patterns make
-    large clutter, so a peak on them says little (Pilotage methods, section 2.3, compares other forms).
+    large clutter, so a peak on them says little (Pilotage methods, section 2.3, compares other forms). With q = 1 it is
+    that; with q = 0 a softmax of the surface in its own deviations.
     """
-    out: Float = np.asarray(similarity, dtype=np.float64) * (
-        temperature * peak.height / max(peak.clutter_std, 1e-6) ** 2
-    )
+    clutter = max(peak.clutter_std, 1e-6)
+    height = max(peak.height / clutter, 0.0)
+    # what does not stand out of its clutter says less and less, whatever the power
+    sharpness = calibration.temperature * (height**calibration.power if height > 1.0 else height)
+    out: Float = np.asarray(similarity, dtype=np.float64) * (sharpness / clutter)
     return out
 
 
@@ -73,7 +82,7 @@ def likelihood(
 
     Notes
     -----
-    p = (1 - e) normalised exp(t z0 z), convolved with the map's error, + e / area; in the form ``similarity`` it is
+    p = (1 - e) normalised exp(t z0^q z), convolved with the map's error, + e / area; in the form ``similarity`` it is
     max(z, 0), normalised.
     """
     ratio = correlation.step_m / step_m
@@ -86,11 +95,11 @@ def likelihood(
     if calibration.form is LikelihoodForm.SIMILARITY:
         similar: Float = np.maximum(np.asarray(fine, dtype=np.float64), 1e-6)
         return similar / similar.mean(), correlation.north_max_m, correlation.east_min_m
-    log_p = log_matched(np.asarray(fine, dtype=np.float32), peak, calibration.temperature)
+    log_p = log_matched(np.asarray(fine, dtype=np.float32), peak, calibration)
     p = np.exp(weight * (log_p - log_p.max()))
     spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
     p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m / np.sqrt(weight), 0.3), borderType=cv2.BORDER_CONSTANT)
     p /= p.mean()
-    outlier = max(outlier_probability, calibration.floor)
+    outlier = min(calibration.floor + calibration.doubt * outlier_probability, MAX_OUTLIER)
     values: Float = (1.0 - outlier) * p + outlier
     return values, correlation.north_max_m, correlation.east_min_m

@@ -146,7 +146,11 @@ def _expected(
     own = robust_std(surface[away]) if away.sum() > 20 else 0.0
     clutter = float(np.hypot(chance, expected * own))
     peak = expected / clutter
-    log_p = config.calibration.temperature * peak**2 * np.where(usable, surface - 1.0, -np.inf)
+    log_p = (
+        config.calibration.temperature
+        * peak ** (1.0 + config.calibration.power)
+        * np.where(usable, surface - 1.0, -np.inf)
+    )
     p = np.exp(log_p)
     spread_px = float(np.hypot(config.calibration.map_std_m / step_m, config.calibration.map_std_px))
     blurred = cv2.GaussianBlur(p, (0, 0), spread_px, borderType=cv2.BORDER_CONSTANT)

@@ -8,7 +8,7 @@ from estimator.ports import Correlation
 from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm, likelihood, log_matched
 from estimator.registration.verify import Peak, find_peak
 
-CALIBRATION = LikelihoodCalibration(temperature=0.5, map_std_m=0.5, map_std_px=0.0, floor=0.01)
+CALIBRATION = LikelihoodCalibration(temperature=0.5, power=1.0, map_std_m=0.5, map_std_px=0.0, floor=0.01, doubt=1.0)
 CLUTTER = 0.1
 
 
@@ -42,17 +42,30 @@ def _moments(
 
 def _blurless(temperature: float = 0.5) -> LikelihoodCalibration:
     """A map without errors of its own, to see the similarity's own width."""
-    return LikelihoodCalibration(temperature=temperature, map_std_m=0.0, map_std_px=0.0, floor=0.01)
+    return LikelihoodCalibration(
+        temperature=temperature, power=1.0, map_std_m=0.0, map_std_px=0.0, floor=0.01, doubt=1.0
+    )
 
 
 def test_log_likelihood_of_known_values() -> None:
     """t z0 z: a peak of six deviations against places at 0.6, 0 and -0.3 with a clutter of 0.1, tempered by a half."""
-    log_p = log_matched(np.array([0.6, 0.0, -0.3]), _peak(0.6), 0.5)
+    log_p = log_matched(np.array([0.6, 0.0, -0.3]), _peak(0.6), CALIBRATION)
 
     assert_allclose(log_p, [0.5 * 6.0 * 6.0, 0.0, -0.5 * 6.0 * 3.0])
     assert log_p.dtype == np.float64
     # no clutter at all must not divide by zero
-    assert np.isfinite(log_matched(np.array([0.6]), replace(_peak(), clutter_std=0.0), 0.5)).all()
+    assert np.isfinite(log_matched(np.array([0.6]), replace(_peak(), clutter_std=0.0), CALIBRATION)).all()
+
+
+@pytest.mark.parametrize(("power", "sharpness"), [(1.0, 4.0), (0.5, 2.0), (0.0, 1.0), (-0.5, 0.5)])
+def test_power_says_how_much_sharper_a_high_peak_is(power: float, sharpness: float) -> None:
+    """Peaks of four deviations of a clutter of 0.1; what stands out by less than one is worth its height alone."""
+    calibration = replace(CALIBRATION, temperature=1.0, power=power)
+    one_deviation = np.array([0.1])
+
+    assert_allclose(log_matched(one_deviation, _peak(0.4), calibration), sharpness)
+    assert_allclose(log_matched(one_deviation, _peak(0.03), calibration), 0.3)
+    assert_allclose(log_matched(one_deviation, _peak(-0.03), calibration), 0.0)
 
 
 def test_log_likelihood_is_that_of_a_known_signal_in_gaussian_clutter() -> None:
@@ -64,7 +77,7 @@ def test_log_likelihood_is_that_of_a_known_signal_in_gaussian_clutter() -> None:
     c, c0, s = np.array([0.55, 0.4, 0.1]), 0.55, 0.08
     log_ratio = -((c - c0) ** 2) / (2.0 * s**2) + c**2 / (2.0 * s**2)
 
-    log_p = log_matched(c, _peak(c0, s), 1.0)
+    log_p = log_matched(c, _peak(c0, s), replace(CALIBRATION, temperature=1.0))
 
     assert_allclose(log_p - log_p[0], log_ratio - log_ratio[0], rtol=1e-9)
 
@@ -72,7 +85,7 @@ def test_log_likelihood_is_that_of_a_known_signal_in_gaussian_clutter() -> None:
 @pytest.mark.parametrize("step_m", [0.25, 0.5, 1.0])
 def test_peak_lies_where_the_similarity_does(step_m: float) -> None:
     """North is up and east is right, at any resampling."""
-    values, north_max, east_min = likelihood(_correlation((6.0, -9.0), 2.0), _peak(), CALIBRATION, 0.02, step_m)
+    values, north_max, east_min = likelihood(_correlation((6.0, -9.0), 2.0), _peak(), CALIBRATION, 0.01, step_m)
 
     row, col = np.unravel_index(np.argmax(values), values.shape)
     assert north_max - row * step_m == pytest.approx(6.0, abs=0.5 * step_m)
@@ -92,7 +105,7 @@ def test_width_grows_with_the_clutter(clutter_std: float) -> None:
     width_m = 8.0
     surface = _correlation((0.0, 0.0), width_m, half_m=30.0)
 
-    _, var = _moments(*likelihood(surface, _peak(clutter_std=clutter_std), _blurless(), 0.01, 0.25), 0.25, 0.01)
+    _, var = _moments(*likelihood(surface, _peak(clutter_std=clutter_std), _blurless(), 0.0, 0.25), 0.25, 0.01)
 
     z0 = 0.8 / clutter_std
     # the least blur is 0.3 cells of 0.25 m
@@ -121,7 +134,7 @@ def test_clutter_found_on_the_surface_decides() -> None:
         surface[14:27, 14:27] = clean.surface[14:27, 14:27]
         peak = find_peak(surface)
         assert peak is not None
-        values = likelihood(Correlation(surface, 20.0, -20.0, 1.0, 10_000), peak, _blurless(), 0.01, 0.5)
+        values = likelihood(Correlation(surface, 20.0, -20.0, 1.0, 10_000), peak, _blurless(), 0.0, 0.5)
         stds.append(np.sqrt(_moments(*values, 0.5, 0.01)[1]))
 
     # three times the clutter: three times the deviation, and more where the parabola ends
@@ -130,7 +143,7 @@ def test_clutter_found_on_the_surface_decides() -> None:
 
 def test_ridge_stays_long_along_and_narrow_across() -> None:
     """A road to the east: the deviation along it over that across it is that of the similarity, 8 to 1."""
-    values = likelihood(_correlation((0.0, 0.0), (1.0, 8.0)), _peak(clutter_std=0.12), _blurless(), 0.01, 0.25)
+    values = likelihood(_correlation((0.0, 0.0), (1.0, 8.0)), _peak(clutter_std=0.12), _blurless(), 0.0, 0.25)
 
     _, (var_north, var_east) = _moments(*values, 0.25, 0.01)
 
@@ -141,7 +154,7 @@ def test_ridge_keeps_its_whole_length() -> None:
     """A surface that is level along a line is as likely at its ends, inside the blur, as in its middle."""
     surface = _correlation((0.0, 0.0), (1.5, 1e6))
 
-    values, _, _ = likelihood(surface, _peak(), CALIBRATION, 0.02, 0.5)
+    values, _, _ = likelihood(surface, _peak(), CALIBRATION, 0.01, 0.5)
 
     along = values[values.shape[0] // 2]
     assert_allclose(along[6:-6], along.max(), rtol=0.01)
@@ -149,7 +162,7 @@ def test_ridge_keeps_its_whole_length() -> None:
 
 
 def test_off_the_peak_the_outlier_probability_remains() -> None:
-    values, _, _ = likelihood(_correlation((0.0, 0.0), 2.0), _peak(), CALIBRATION, 0.2, 0.5)
+    values, _, _ = likelihood(_correlation((0.0, 0.0), 2.0), _peak(), CALIBRATION, 0.19, 0.5)
 
     assert values.min() == pytest.approx(0.2, abs=1e-6)
 
@@ -165,8 +178,8 @@ def test_maps_own_error_widens_the_peak() -> None:
     sharp = _correlation((0.0, 0.0), 1.5)
     wide = replace(CALIBRATION, map_std_m=2.0)
 
-    _, var = _moments(*likelihood(sharp, _peak(), CALIBRATION, 0.01, 0.25), 0.25, 0.01)
-    _, var_wide = _moments(*likelihood(sharp, _peak(), wide, 0.01, 0.25), 0.25, 0.01)
+    _, var = _moments(*likelihood(sharp, _peak(), CALIBRATION, 0.0, 0.25), 0.25, 0.01)
+    _, var_wide = _moments(*likelihood(sharp, _peak(), wide, 0.0, 0.25), 0.25, 0.01)
 
     # the blur's kernel ends at four sigmas and loses a thousandth
     assert (var > 0.99 * 0.25).all()
@@ -188,8 +201,8 @@ def test_maps_error_in_pixels_follows_the_correlations_step(step_m: float) -> No
 def test_tempering_widens_by_its_weight_and_leaves_the_floor() -> None:
     """A picture counted for a quarter has four times the variance, and the same chance of being wrong."""
     surface, peak = _correlation((0.0, 0.0), 8.0, half_m=30.0), _peak(clutter_std=0.06)
-    full = likelihood(surface, peak, CALIBRATION, 0.05, 0.25)
-    quarter = likelihood(surface, peak, CALIBRATION, 0.05, 0.25, weight=0.25)
+    full = likelihood(surface, peak, CALIBRATION, 0.04, 0.25)
+    quarter = likelihood(surface, peak, CALIBRATION, 0.04, 0.25, weight=0.25)
 
     _, var = _moments(*full, 0.25, 0.05)
     _, var_quarter = _moments(*quarter, 0.25, 0.05)
@@ -202,7 +215,7 @@ def test_unknown_map_gets_no_more_than_the_floor() -> None:
     surface = correlation.surface.copy()
     surface[:, :8] = np.nan
 
-    values, _, _ = likelihood(Correlation(surface, 20.0, -20.0, 1.0, 10_000), _peak(), CALIBRATION, 0.05, 1.0)
+    values, _, _ = likelihood(Correlation(surface, 20.0, -20.0, 1.0, 10_000), _peak(), CALIBRATION, 0.04, 1.0)
 
     assert np.isfinite(values).all()
     assert_allclose(values[:, :7], 0.05, atol=1e-6)
