@@ -15,7 +15,7 @@ from estimator.types import Float
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moments:
-    """Mean (2,) north, east and covariance (2, 2) of a density."""
+    """Mean (2,) north, east and covariance (2, 2) of a density; with a heading (3,) and (3, 3)."""
 
     mean_ne_m: Float
     cov_ne_m2: Float
@@ -23,7 +23,7 @@ class Moments:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InformationIncrement:
-    """What one update added, as a measurement: position north, east (2,) with covariance (2, 2)."""
+    """What one update added, as a measurement: position north, east (2,) with covariance (2, 2), or with a heading."""
 
     position_ne_m: Float
     cov_ne_m2: Float
@@ -58,12 +58,15 @@ class PointMassFilter:
         rows, cols = (2 * np.ceil(half / self.cell_m) + 1).astype(int)
         self.north_max_m = float(mean_ne_m[0] + 0.5 * (rows - 1) * self.cell_m)
         self.east_min_m = float(mean_ne_m[1] - 0.5 * (cols - 1) * self.cell_m)
-        offset = np.stack(np.meshgrid(*self._axes(rows, cols), indexing="ij"), axis=-1) - mean_ne_m
+        self.density = np.ones((rows, cols))
+        offset = np.stack(np.meshgrid(*self.axes(), indexing="ij"), axis=-1) - mean_ne_m
         exponent = np.einsum("...i,ij,...j->...", offset, np.linalg.inv(cov_ne_m2), offset)
         self.density = np.exp(-0.5 * exponent)
         self.density /= self.density.sum()
 
-    def _axes(self, rows: int, cols: int) -> tuple[Float, Float]:
+    def axes(self) -> tuple[Float, Float]:
+        """North of the rows (rows,) and east of the columns (cols,)."""
+        rows, cols = self.density.shape
         north = self.north_max_m - self.cell_m * np.arange(rows, dtype=np.float64)
         east = self.east_min_m + self.cell_m * np.arange(cols, dtype=np.float64)
         return north, east
@@ -121,10 +124,10 @@ class PointMassFilter:
         self.density = np.maximum(density, 0.0) / max(float(density.sum()), 1e-300)
         self.north_max_m, self.east_min_m, self.cell_m = north_max, east_min, cell_m
 
-    def update(self, likelihood: Float, north_max_m: float, east_min_m: float) -> None:
+    def update(self, likelihood: Float, north_max_m: float, east_min_m: float) -> float:
         """Multiply by a likelihood (rows, cols) of mean one on its own grid of the same cell size.
 
-        Outside its grid it counts as its minimum.
+        Outside its grid it counts as its minimum. Returns the evidence: its mean under the density before.
         """
         rows, cols = self.density.shape
         matrix = np.array(
@@ -145,10 +148,11 @@ class PointMassFilter:
         # off the grid a picture matches nothing in particular: likelihood one, the mean
         self.lost_probability = lost / (lost + on_grid)
         self.density = posterior / evidence
+        return evidence
 
     def moments(self) -> Moments:
         """Mean and covariance of the density on the grid."""
-        north, east = self._axes(*self.density.shape)
+        north, east = self.axes()
         by_row, by_col = self.density.sum(axis=1), self.density.sum(axis=0)
         mean = np.array([by_row @ north, by_col @ east])
         dn, de = north - mean[0], east - mean[1]
@@ -159,7 +163,7 @@ class PointMassFilter:
 
     def mode_ne_m(self) -> Float:
         """The most likely place (2,), north and east."""
-        north, east = self._axes(*self.density.shape)
+        north, east = self.axes()
         row, col = np.unravel_index(int(np.argmax(self.density)), self.density.shape)
         return np.array([north[row], east[col]])
 
@@ -169,7 +173,7 @@ class PointMassFilter:
         The cells around the highest that exceed a twentieth of it reach 2.45 sigma of a Gaussian and, evenly weighted,
         have 1.5 times its covariance; counted is what lies within 3.7 sigma or two cells more.
         """
-        north, east = self._axes(*self.density.shape)
+        north, east = self.axes()
         row, col = np.unravel_index(int(np.argmax(self.density)), self.density.shape)
         core = self.density > 0.05 * float(self.density[row, col])
         _, labels = cv2.connectedComponents(core.astype(np.uint8))

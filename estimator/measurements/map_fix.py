@@ -14,13 +14,14 @@ from enum import StrEnum
 import numpy as np
 
 from estimator.filters.eskf import ErrorStateFilter
+from estimator.filters.heading_slices import HeadingSlices
 from estimator.filters.point_mass import Moments, PointMassConfig, PointMassFilter, information_increment
 from estimator.measurements import terrain_fix
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.sliding_window import SlidingWindow, SlidingWindowConfig
 from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
-from estimator.registration.likelihood import likelihood
+from estimator.registration.likelihood import likelihood, likelihoods
 from estimator.registration.refine import Refinement
 from estimator.types import FixReport, Float, FrameSample
 
@@ -57,7 +58,8 @@ class MapFixConfig:
     same place still counts. ``noise_inflation`` multiplies the windows' own
     sigma (neighbours err alike), ``density_inflation`` that of the density; of the variance ``white_share`` is each
     picture's own and the rest the map's, between ``min_map_bias_m`` and ``max_map_bias_m``. Windows count where
-    ``min_agreement`` of them agree. ADR 0008 says how the numbers were found.
+    ``min_agreement`` of them agree. From a heading sigma of ``slice_heading_rad`` on, the density is kept for each
+    heading that is tried. ADR 0008 says how the numbers were found.
 
     Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
     horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
@@ -84,6 +86,7 @@ class MapFixConfig:
     max_lost_probability: float = 0.5
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
+    slice_heading_rad: float = float("inf")
     point_mass: PointMassConfig = field(default_factory=PointMassConfig)
     acceptance: Acceptance = Acceptance.VERIFIED
     sliding_window: SlidingWindowConfig = field(default_factory=SlidingWindowConfig)
@@ -105,7 +108,7 @@ class MapFixer:
         self.config = config or MapFixConfig()
         self._registrar = registrar
         self._clock_s = clock_s
-        self._density: PointMassFilter | None = None
+        self._density: PointMassFilter | HeadingSlices | None = None
         sliding = self.config.acceptance is Acceptance.SLIDING_WINDOW
         self._window = SlidingWindow(self.config.sliding_window) if sliding else None
         self._last_pos_ne_m = UNKNOWN_NE
@@ -173,17 +176,18 @@ class MapFixer:
         std = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
         if self._density is not None:
             moments = self._density.moments()
-            std = max(std, float(np.sqrt(np.linalg.eigvalsh(moments.cov_ne_m2)[-1])))
+            std = max(std, float(np.sqrt(np.linalg.eigvalsh(moments.cov_ne_m2[:2, :2])[-1])))
         config = self.config
         return float(np.clip(config.search_sigmas * std + config.min_search_m, 0.0, config.max_search_m))
 
     def _hypotheses(self, eskf: ErrorStateFilter, camera: CameraAttitude, height_m: float) -> tuple[Float, Float]:
         if not self.config.search_pose:
             return np.zeros(1), np.zeros(1)
-        H = eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
-        heading_std = float(np.sqrt(H @ eskf.P @ H.T)[0, 0])
         matcher = self._registrar.config
-        headings = symmetric_steps(2.5 * heading_std, matcher.heading_step_rad, most=7)
+        if isinstance(self._density, HeadingSlices):
+            headings = self._density.headings_rad
+        else:
+            headings = symmetric_steps(2.5 * _heading_std_rad(eskf, camera), matcher.heading_step_rad, most=7)
         height_std = float(np.sqrt(eskf.cov("position")[2, 2])) / height_m
         nadir = camera.ned_from_camera[2, 2] > 0.9
         scales = symmetric_steps(2.5 * height_std, matcher.scale_step, most=2) if nadir else np.zeros(1)
@@ -196,23 +200,18 @@ class MapFixer:
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted_ne = eskf.nominal.motion.pos_ned_m[:2].copy()
         fresh = self._density is None
-        density = self._predicted_density(eskf, H, predicted_ne, frame.t_us)
+        density = self._predicted_density(eskf, camera, match, H, predicted_ne, frame.t_us)
         alike_m = self.config.correlation_share * match.footprint_m
         weight = self._weight(predicted_ne, self._last_accepted_ne_m, alike_m)
         # what is handed over is all that the density has gained on the filter, since the last time it was
-        prior = Moments(predicted_ne, H @ eskf.P @ H.T + np.eye(2) * 0.01)
+        prior = self._prior(eskf, camera, density, H, predicted_ne)
         # a refused picture stays in the density: the next from the same place tells it nothing new
         confused_m = self.config.ambiguity_share * match.footprint_m
         told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
-        calibration = self._registrar.calibration.likelihood
-        values, north_max, east_min = likelihood(
-            match.correlation, match.peak, calibration, match.outlier_probability, density.cell_m, told
-        )
-        if fresh and values.max() < MIN_CONTRAST:
+        if not self._look(density, match, predicted_ne, told) and fresh:
             self._density = None
             self.rejected_in_row += 1
             return self._report(frame, started, "the picture says nothing of the position", match)
-        density.update(values, predicted_ne[0] + north_max, predicted_ne[1] + east_min)
         posterior = density.moments()
         self._density = density
         measured_ne = predicted_ne + match.displacement_ne_m
@@ -232,6 +231,34 @@ class MapFixer:
         self._last_pos_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
         self._last_t_us = frame.t_us
         return self._report(frame, started, reason, match, measured_ne, posterior)
+
+    def _look(
+        self, density: PointMassFilter | HeadingSlices, match: Match, predicted_ne_m: Float, weight: float
+    ) -> bool:
+        """Multiply the picture's likelihood into the density; False, and nothing done to a plain one, if it is flat."""
+        correlation, cell_m = match.correlation, density.cell_m
+        judged = match.peak, self._registrar.calibration.likelihood, match.outlier_probability, cell_m, weight
+        north, east = predicted_ne_m[0] + correlation.north_max_m, predicted_ne_m[1] + correlation.east_min_m
+        if isinstance(density, HeadingSlices):
+            surfaces = dict(match.by_heading)
+            values = dict(zip(surfaces, likelihoods(correlation, list(surfaces.values()), *judged), strict=True))
+            flat = np.ones_like(next(iter(values.values())))
+            density.update([values.get(float(h), flat) for h in density.headings_rad], north, east, cell_m)
+            return max(float(each.max()) for each in values.values()) >= MIN_CONTRAST
+        plain, _, _ = likelihood(correlation, *judged)
+        density.update(plain, north, east)
+        return float(plain.max()) >= MIN_CONTRAST
+
+    def _prior(
+        self, eskf: ErrorStateFilter, camera: CameraAttitude, density: PointMassFilter | HeadingSlices, H: Float,
+        predicted_ne_m: Float,
+    ) -> Moments:  # fmt: skip
+        """What the inertial filter knows before the picture, on the density's terms."""
+        if isinstance(density, HeadingSlices):
+            # through slices of its own: what their steps and their reach do to a Gaussian is no information
+            cov = _with_heading(eskf, camera, H)
+            return HeadingSlices(predicted_ne_m, cov, density.headings_rad, self.config.point_mass).moments()
+        return Moments(predicted_ne_m, H @ eskf.P @ H.T + np.eye(2) * 0.01)
 
     def _update(
         self, match: Match, refinement: Refinement | None, eskf: ErrorStateFilter, camera: CameraAttitude,
@@ -261,19 +288,34 @@ class MapFixer:
     ) -> str | None:  # fmt: skip
         if self.config.hand_over is HandOver.DENSITY:
             return self._update_by_mean(match, eskf, pose, T, posterior)
-        increment = information_increment(prior, posterior)
+        sliced = len(prior.mean_ne_m) == 3
+        lever_m = 0.5 * match.footprint_m  # headings count by what they move at the picture's rim
+        units = np.diag([1.0, 1.0, lever_m])[: len(prior.mean_ne_m), : len(prior.mean_ne_m)]
+        increment = information_increment(_in_units(prior, units), _in_units(posterior, units))
         if increment is None:
             return "the picture says nothing of the position"
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
-        predicted_ne = eskf.nominal.motion.pos_ned_m[:2]
+        predicted = eskf.nominal.motion.pos_ned_m[:2]
         cov_ne_m2 = increment.cov_ne_m2 * self.config.density_inflation**2
-        self._follow_map_bias(eskf, cov_ne_m2)
-        R = self._noise(eskf, cov_ne_m2, weight)
-        innovation = Innovation(increment.position_ne_m - predicted_ne, H, R)
+        self._follow_map_bias(eskf, cov_ne_m2[:2, :2])
+        R = self._noise(eskf, cov_ne_m2[:2, :2], weight)
+        if sliced:
+            H = np.vstack((H, lever_m * _heading_jacobian(eskf, camera)))
+            predicted = np.append(predicted, 0.0)
+            R = self._with_heading_noise(R, cov_ne_m2, weight, lever_m)
+        innovation = Innovation(increment.position_ne_m - predicted, H, R)
         if not _apply(eskf, innovation, self.config.max_innovation_sigmas):
             return "does not agree with the estimate"
-        self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight)
+        self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight, heading=not sliced)
         return None
+
+    def _with_heading_noise(self, R: Float, cov: Float, weight: float, lever_m: float) -> Float:
+        """Covariance (3, 3) of a fix with heading: correlated as ``cov`` (3, 3), its place as large as R (2, 2)."""
+        spread = cov / weight
+        scale = np.diag([*np.sqrt(np.diag(R) / np.diag(spread)[:2]), 1.0])
+        noise: Float = scale @ spread @ scale
+        noise[2, 2] += (lever_m * self.config.heading_floor_rad) ** 2 / weight
+        return noise
 
     def _update_by_mean(
         self, match: Match, eskf: ErrorStateFilter, pose: CameraPose, T: Float, posterior: Moments
@@ -309,9 +351,15 @@ class MapFixer:
         smoothed_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
         eskf.map_bias_std_m = max(smoothed_m, std_m)
 
-    def _predicted_density(self, eskf: ErrorStateFilter, H: Float, predicted_ne_m: Float, t_us: int) -> PointMassFilter:
+    def _predicted_density(
+        self, eskf: ErrorStateFilter, camera: CameraAttitude, match: Match, H: Float, predicted_ne_m: Float, t_us: int
+    ) -> PointMassFilter | HeadingSlices:
         if self._density is None:
-            return PointMassFilter(predicted_ne_m, H @ eskf.P @ H.T + np.eye(2) * 0.01, self.config.point_mass)
+            config = self.config
+            if len(match.by_heading) > 2 and _heading_std_rad(eskf, camera) >= config.slice_heading_rad:
+                headings = np.array([heading for heading, _ in match.by_heading])
+                return HeadingSlices(predicted_ne_m, _with_heading(eskf, camera, H), headings, config.point_mass)
+            return PointMassFilter(predicted_ne_m, H @ eskf.P @ H.T + np.eye(2) * 0.01, config.point_mass)
         moved = predicted_ne_m - self._last_pos_ne_m
         elapsed_s = (t_us - self._last_t_us) / 1e6
         velocity_cov = eskf.cov("velocity")[:2, :2]
@@ -327,7 +375,7 @@ class MapFixer:
         correlation = np.exp(-distance / max(alike_m, 1.0))
         return max(float((1.0 - correlation) / (1.0 + correlation)), self.config.min_weight)
 
-    def _refusal(self, match: Match, density: PointMassFilter) -> str | None:
+    def _refusal(self, match: Match, density: PointMassFilter | HeadingSlices) -> str | None:
         config = self.config
         if match.outlier_probability > config.max_outlier_probability:
             return f"match too weak (outlier probability {match.outlier_probability:.2f})"
@@ -339,9 +387,10 @@ class MapFixer:
         return None
 
     def _update_heading_and_height(
-        self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float, weight: float
-    ) -> None:
-        if np.isfinite(match.heading_std_rad):
+        self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float, weight: float,
+        heading: bool = True,
+    ) -> None:  # fmt: skip
+        if heading and np.isfinite(match.heading_std_rad):
             std = np.hypot(match.heading_std_rad, self.config.heading_floor_rad) / np.sqrt(weight)
             _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, float(std)))
         if np.isfinite(match.scale_std):
@@ -361,13 +410,33 @@ class MapFixer:
             reason=reason or "",
             north_m=float(measured_ne_m[0]),
             east_m=float(measured_ne_m[1]),
-            cov_ne_m2=UNKNOWN_COV if posterior is None else posterior.cov_ne_m2,
+            cov_ne_m2=UNKNOWN_COV if posterior is None else posterior.cov_ne_m2[:2, :2],
             score=match.peak.value if match else float("nan"),
             outlier_probability=match.outlier_probability if match else 1.0,
             heading_correction_rad=match.heading_rad if match else 0.0,
             scale_correction=match.scale if match else 0.0,
             elapsed_ms=(self._clock_s() - started) * 1e3,
         )
+
+
+def _heading_jacobian(eskf: ErrorStateFilter, camera: CameraAttitude) -> Float:
+    return eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
+
+
+def _heading_std_rad(eskf: ErrorStateFilter, camera: CameraAttitude) -> float:
+    H = _heading_jacobian(eskf, camera)
+    return float(np.sqrt(H @ eskf.P @ H.T)[0, 0])
+
+
+def _with_heading(eskf: ErrorStateFilter, camera: CameraAttitude, H: Float) -> Float:
+    """Covariance (3, 3) of the picture's middle, whose Jacobian is H (2, n), and of the camera's heading."""
+    J = np.vstack((H, _heading_jacobian(eskf, camera)))
+    cov: Float = J @ eskf.P @ J.T + np.diag([0.01, 0.01, 0.0])
+    return cov
+
+
+def _in_units(moments: Moments, units: Float) -> Moments:
+    return Moments(units @ moments.mean_ne_m, units @ moments.cov_ne_m2 @ units)
 
 
 def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 4.0) -> bool:

@@ -80,8 +80,8 @@ class Match:
     ``centre_ned_m`` (3,) is the ground point about which heading and scale are taken; ``correlation`` is over the
     displacement (true minus predicted) of that point. ``heading_rad`` and ``scale`` are the corrections of the best
     hypothesis with their standard deviations, infinite where the hypotheses do not tell. ``evidence`` is what the
-    outlier probability was made of. ``template`` is what was
-    compared, for ``Registrar.refine``.
+    outlier probability was made of, ``by_heading`` the surface of each heading, at the predicted height. ``template``
+    is what was compared, for ``Registrar.refine``.
     """
 
     correlation: Correlation
@@ -96,6 +96,7 @@ class Match:
     outlier_probability: float
     footprint_m: float
     template: MatchedTemplate
+    by_heading: tuple[tuple[float, NDArray[np.float32]], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -251,7 +252,7 @@ class Registrar:
         return Match(
             correlation, best.peak, displacement, patch.centre_ned_m, evidence, heading, heading_std, scale, scale_std,
             outlier_probability(evidence, self.calibration.outlier), float(2.0 * np.sqrt(half_ne[0] * half_ne[1])),
-            template,
+            template, tuple((a.heading_rad, a.surface) for a in tried),
         )  # fmt: skip
 
     def _other_similarity(self, best: _Attempt, area: _MapArea) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -85,21 +86,49 @@ def likelihood(
     p = (1 - e) normalised exp(t z0^q z), convolved with the map's error, + e / area; in the form ``similarity`` it is
     max(z, 0), normalised.
     """
-    ratio = correlation.step_m / step_m
-    rows, cols = correlation.surface.shape
+    (values,) = likelihoods(correlation, [correlation.surface], peak, calibration, outlier_probability, step_m, weight)
+    return values, correlation.north_max_m, correlation.east_min_m
+
+
+def likelihoods(
+    correlation: Correlation,
+    surfaces: Sequence[NDArray[np.float32]],
+    peak: Peak,
+    calibration: LikelihoodCalibration,
+    outlier_probability: float,
+    step_m: float,
+    weight: float = 1.0,
+) -> list[Float]:
+    """The same for several hypotheses' surfaces on one grid, of mean one over all of them together.
+
+    ``peak`` is that of the best: one scale of clutter makes them comparable.
+    """
+    fine: list[Float] = [_resampled(surface, correlation.step_m / step_m) for surface in surfaces]
+    if calibration.form is LikelihoodForm.SIMILARITY:
+        similar: list[Float] = [np.maximum(each, 1e-6) for each in fine]
+        mean = float(np.mean(similar))
+        return [each / mean for each in similar]
+    log_p = [log_matched(each, peak, calibration) for each in fine]
+    top = max(float(each.max()) for each in log_p)
+    spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
+    sigma = max(spread_m / step_m / np.sqrt(weight), 0.3)
+    p = [_blurred(np.exp(weight * (each - top)), sigma) for each in log_p]
+    mean = float(np.mean(p))
+    outlier = min(calibration.floor + calibration.doubt * outlier_probability, MAX_OUTLIER)
+    return [(1.0 - outlier) * each / mean + outlier for each in p]
+
+
+def _blurred(p: Float, sigma_cells: float) -> Float:
+    blurred = cv2.GaussianBlur(p, (0, 0), sigma_cells, borderType=cv2.BORDER_CONSTANT)
+    return np.asarray(blurred, dtype=np.float64)
+
+
+def _resampled(surface: NDArray[np.float32], ratio: float) -> Float:
+    """A surface with ``ratio`` times as many samples to a length, -1 where nothing is known."""
+    rows, cols = surface.shape
     shape = (max(1, round((rows - 1) * ratio)) + 1, max(1, round((cols - 1) * ratio)) + 1)
-    surface = np.nan_to_num(correlation.surface, nan=-1.0).astype(np.float32)
+    known = np.nan_to_num(surface, nan=-1.0).astype(np.float32)
     row_at = (np.arange(shape[0], dtype=np.float32) / np.float32(ratio))[:, None].repeat(shape[1], axis=1)
     col_at = (np.arange(shape[1], dtype=np.float32) / np.float32(ratio))[None].repeat(shape[0], axis=0)
-    fine = cv2.remap(surface, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-    if calibration.form is LikelihoodForm.SIMILARITY:
-        similar: Float = np.maximum(np.asarray(fine, dtype=np.float64), 1e-6)
-        return similar / similar.mean(), correlation.north_max_m, correlation.east_min_m
-    log_p = log_matched(np.asarray(fine, dtype=np.float32), peak, calibration)
-    p = np.exp(weight * (log_p - log_p.max()))
-    spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
-    p = cv2.GaussianBlur(p, (0, 0), max(spread_m / step_m / np.sqrt(weight), 0.3), borderType=cv2.BORDER_CONSTANT)
-    p /= p.mean()
-    outlier = min(calibration.floor + calibration.doubt * outlier_probability, MAX_OUTLIER)
-    values: Float = (1.0 - outlier) * p + outlier
-    return values, correlation.north_max_m, correlation.east_min_m
+    fine = cv2.remap(known, col_at, row_at, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(fine, dtype=np.float64)

@@ -355,3 +355,48 @@ def test_sliding_window_waits_for_stable_matches_and_corrects_gradually() -> Non
     assert np.diff(errors[4:]).max() < 0.0
     assert errors[5] > 0.3 * errors[4]
     assert errors[-1] < 1.5
+
+
+def test_open_heading_is_found_with_the_place_by_slices() -> None:
+    """Six degrees of sigma, and a place that went wrong with the heading: errors are as large as stated."""
+    std = {**STD, "position": (8.0, 8.0, 1.0), "attitude": (0.005, 0.005, 0.1)}
+    axes = [LAYOUT.slices["position"].start, LAYOUT.slices["position"].start + 1, LAYOUT.slices["attitude"].start + 2]
+    nees, headings = [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        error = rng.normal(0.0, np.concatenate((std["position"], std["attitude"])))
+        error[1] += 80.0 * error[5]  # eighty metres flown to the north by that heading
+        eskf = _filter(error, std=std)
+        J = np.eye(LAYOUT.size)
+        J[axes[1], axes[2]] = 80.0
+        eskf.P = J @ eskf.P @ J.T
+        fixer = _fixer(slice_heading_rad=0.05, use_windows=False)
+
+        report = _attempt(fixer, eskf, _picture(rng))
+
+        assert report.accepted, report.reason
+        assert report.cov_ne_m2.shape == (2, 2)
+        left = (TRUE_POS - eskf.nominal.motion.pos_ned_m)[:2]
+        turn = rotvec_from_q(q_multiply(LEVEL, q_conjugate(eskf.nominal.motion.q_ned_from_body)))[2]
+        e = np.array([*left, turn])
+        nees.append(float(e @ np.linalg.inv(eskf.P[np.ix_(axes, axes)]) @ e))
+        headings.append(turn)
+
+    # chi-square of 24 degrees of freedom: 99.9 % below 51; the stated sigmas have a margin on purpose
+    assert sum(nees) < 51.0
+    assert np.sqrt(np.mean(np.square(headings))) < 0.02
+
+
+def test_refused_slices_live_on_with_their_headings() -> None:
+    rng = np.random.default_rng(3)
+    std = {**STD, "attitude": (0.005, 0.005, 0.1)}
+    eskf = _filter(np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.06]), std=std)
+    fixer = _fixer(slice_heading_rad=0.05, use_windows=False, min_unimodality=1.1)
+
+    first = _attempt(fixer, eskf, _picture(rng))
+    second = _attempt(fixer, eskf, _picture(rng), 0.5)
+
+    assert not first.accepted
+    assert not second.accepted
+    assert second.reason.startswith("ambiguous")
+    assert 0.0 < fixer.lost_probability < 0.5

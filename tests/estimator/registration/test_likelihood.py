@@ -5,7 +5,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from estimator.ports import Correlation
-from estimator.registration.likelihood import LikelihoodCalibration, LikelihoodForm, likelihood, log_matched
+from estimator.registration.likelihood import (
+    LikelihoodCalibration,
+    LikelihoodForm,
+    likelihood,
+    likelihoods,
+    log_matched,
+)
 from estimator.registration.verify import Peak, find_peak
 
 CALIBRATION = LikelihoodCalibration(temperature=0.5, power=1.0, map_std_m=0.5, map_std_px=0.0, floor=0.01, doubt=1.0)
@@ -245,3 +251,18 @@ def test_similarity_taken_as_a_density_is_itself() -> None:
     ratio = values[17, 18] / values[17, 20]
     assert ratio == pytest.approx(float(below.surface[17, 18] / below.surface[17, 20]), rel=1e-4)
     assert values[0, 0] < 1e-4
+
+
+def test_hypotheses_share_one_density() -> None:
+    """A surface that is alike in the peak's own deviations gets its share, and one alone is as by itself."""
+    surface = _correlation((0.0, 0.0), 3.0)
+    weaker = replace(surface, surface=surface.surface - np.float32(0.02))
+
+    both = likelihoods(surface, [surface.surface, weaker.surface], _peak(), CALIBRATION, 0.0, 0.5)
+    (alone,) = likelihoods(surface, [surface.surface], _peak(), CALIBRATION, 0.0, 0.5)
+
+    assert np.mean(both) == pytest.approx(1.0)
+    inlier = [each - CALIBRATION.floor for each in both]
+    # 0.02 is a fifth of a deviation of the clutter, the peak eight of them high, the temperature a half
+    assert inlier[1].sum() / inlier[0].sum() == pytest.approx(np.exp(-0.5 * 8.0 * 0.2), rel=1e-3)
+    assert_allclose(alone, likelihood(surface, _peak(), CALIBRATION, 0.0, 0.5)[0])
