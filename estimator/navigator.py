@@ -15,15 +15,15 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.ahead import Ahead
-from estimator.filters.eskf import Clone, ErrorStateFilter, Layout
+from estimator.filters.eskf import ErrorStateFilter, Layout
 from estimator.filters.initialise import FirstEstimate, InitialConditions, aligned
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import matrix_from_q, q_from_matrix, q_from_rotvec, q_multiply, q_normalise
+from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise
 from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, SampleRate, StateHistory, rotation_between
 from estimator.measurements import barometer, gnss, heading
-from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal, camera_rotation_jacobian
+from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal
 from estimator.measurements.global_fix import FoundPose, GlobalFixer
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
@@ -361,7 +361,7 @@ class Navigator:
         self._last_us[what] = t_us
         return True
 
-    def _apply(self, what: str, innovation: Innovation | None, gate_sigmas: float) -> bool:
+    def _apply(self, what: str, innovation: Innovation | None, gate_sigmas: float = 5.0) -> bool:
         if innovation is None or self._eskf is None:
             return False
         gate = gate_sigmas**2 * len(innovation.z)
@@ -419,14 +419,8 @@ class Navigator:
                 return None
             self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
         image = _grey(sample.image)
+        self._odometry.fuse(sample.t_us, image, eskf, self._camera_now, self._down_at, self._apply)
         camera, camera_pos = self._camera_now(eskf)
-        step = self._odometry.step(sample.t_us, image, eskf, camera, camera_pos, self._down_at)
-        if step is not None and self._apply("odometry", step.displacement, gate_sigmas=5.0):
-            self._apply("bare_ground", step.bare_ground, gate_sigmas=5.0)
-        if self._odometry.took_picture:
-            camera, camera_pos = self._camera_now(eskf)
-            clone = Clone(camera_pos, q_from_matrix(camera.ned_from_camera))
-            eskf.clone(clone, camera_rotation_jacobian(camera, eskf))
         self.stage_seconds["odometry"] += self._clock_s() - started
         if (
             self._fixer is None

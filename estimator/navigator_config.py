@@ -15,6 +15,7 @@ from estimator.registration.alignment import MatcherConfig
 GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
     "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
+    "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 
 

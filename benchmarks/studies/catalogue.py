@@ -24,6 +24,8 @@ from estimator.registration.likelihood import LikelihoodForm
 from simulator.scenario import CameraSection, FlightSection, Scenario
 
 GROUPS_2009 = ("position", "velocity", "attitude", "accelerometer_bias", "clone_position", "clone_rotation")
+STRUCTURE = ("keyframe_position", "keyframe_rotation", "structure")
+GROUPS_WITHOUT_STRUCTURE = tuple(group for group in NavigatorConfig().groups if group not in STRUCTURE)
 REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas")
 # the odometry takes a picture every 0.25 s and the thesis sampled its video at 4 Hz: more would only take time
 PICTURES = CameraSection(frames_per_s=8.0)
@@ -94,8 +96,9 @@ def rungs() -> list[tuple[str, str, NavigatorConfig]]:
     step("+ gradients", "double-angle gradients instead of grey values", matcher=MatcherConfig())
     step("+ pose search", "headings and heights around the prediction", **fix(search_pose=True))
     step("+ rays", "odometry by rays cut with the terrain instead of a homography", odometry=default.odometry)
-    states = {"groups": default.groups, "reported_attitude_std_rad": default.reported_attitude_std_rad}
+    states = {"groups": GROUPS_WITHOUT_STRUCTURE, "reported_attitude_std_rad": default.reported_attitude_std_rad}
     step("+ slow errors", "biases of sensors, mount, ground and map as states", **states)
+    step("+ structure", "heights of followed points and their turn since a keyframe", groups=default.groups)
     step("+ attitude in H", "attitude and height in the measurement matrix", **fix(couple_attitude=True))
     step(
         "+ increment",
@@ -157,9 +160,15 @@ def odometry(short: bool) -> Study:
         ("inertial alone", "no pictures", OdometryConfig(interval_s=float("inf"))),
         ("depth average", "2008: mean displacement of all features at one depth", OdometryConfig("depth_average")),
         ("homography", "2009: robust homography, rotation and slope known", OdometryConfig("homography")),
-        ("rays (default)", "rays cut with the terrain", OdometryConfig()),
+        ("rays, structure (default)", "and with the heights that followed points have", OdometryConfig()),
     ]
-    return _drift_study("odometry", "Drift of the odometers", rows, short)
+    study = _drift_study("odometry", "Drift of the odometers", rows, short)
+    kept = study.rows[-1]
+    assert isinstance(kept, FlownRow)
+    alone = FlownRow(
+        "rays", "rays cut with the terrain", kept.scenario, replace(kept.config, groups=GROUPS_WITHOUT_STRUCTURE)
+    )
+    return replace(study, rows=(*study.rows[:-1], alone, kept))
 
 
 def features(short: bool) -> Study:

@@ -4,9 +4,10 @@ The error state holds position, velocity and attitude error (the small rotation 
 nominal attitude to the true one), the accelerometer bias of Conte 2009 (section 4.3, twelve states), and groups that
 can be left out: gyroscope bias, barometer bias, camera misalignment, the slow error of the attitude that the autopilot
 reports, how far the visible surface lies below the ground model, and the local displacement of the reference imagery.
-The last two change with the ground flown over and not with time. The last group is a stochastic clone of the position
-and the camera attitude at the previous picture (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002), which makes
-visual odometry an ordinary measurement.
+The last two change with the ground flown over and not with time. Then come stochastic clones of the position and the
+camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous picture and at the last
+keyframe, which make visual odometry an ordinary measurement, and the common errors of the heights that points have by
+the last two keyframes.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from estimator.types import Float
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
     "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
+    "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 _SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2}
 
@@ -90,7 +92,7 @@ class ProcessNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Clone:
-    """Camera position (3,) NED and attitude at the previous picture, as now estimated."""
+    """Camera position (3,) NED and attitude at an earlier picture, as now estimated."""
 
     pos_ned_m: Float
     q_ned_from_camera: Float
@@ -109,6 +111,8 @@ class Nominal:
     ground_biases_m: Float = field(default_factory=lambda: np.zeros(2))
     map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
+    keyframe: Clone | None = None
+    structure_m: Float = field(default_factory=lambda: np.zeros(3))
 
     @property
     def ground_bias_m(self) -> float:
@@ -298,21 +302,22 @@ class ErrorStateFilter:
             attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
             ground_biases_m=moved("ground_bias", nominal.ground_biases_m),
             map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
-            clone=self._moved_clone(dx),
+            clone=self._moved_clone(nominal.clone, "clone", dx),
+            keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
+            structure_m=moved("structure", nominal.structure_m),
         )
         if float(rotation @ rotation) > 1e-4:
             G = np.eye(self.layout.size)
             G[part["attitude"], part["attitude"]] += 0.5 * skew(rotation)
             self.P = G @ self.P @ G.T
 
-    def _moved_clone(self, dx: Float) -> Clone | None:
-        clone = self.nominal.clone
+    def _moved_clone(self, clone: Clone | None, name: str, dx: Float) -> Clone | None:
         if clone is None:
             return None
         part = self.layout.slices
-        turn = q_from_rotvec(dx[part["clone_rotation"]])
+        turn = q_from_rotvec(dx[part[f"{name}_rotation"]])
         return Clone(
-            clone.pos_ned_m + dx[part["clone_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
+            clone.pos_ned_m + dx[part[f"{name}_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
         )
 
     def clone(self, camera: Clone, camera_attitude: Float) -> None:
@@ -321,15 +326,37 @@ class ErrorStateFilter:
         ``camera_attitude`` (3, size) maps the error state to the camera's rotation error about the NED axes.
         """
         self.nominal = replace(self.nominal, clone=camera)
-        part = self.layout.slices
-        size = self.layout.size
-        T = np.eye(size)
-        T[part["clone_position"]] = 0.0
-        T[part["clone_rotation"]] = 0.0
-        T[part["clone_position"], part["position"]] = np.eye(3)
-        T[part["clone_rotation"]] = camera_attitude
-        T[part["clone_rotation"], part["clone_rotation"]] = 0.0
-        T[part["clone_rotation"], part["clone_position"]] = 0.0
+        self._set_states(clone_position=self._rows("position"), clone_rotation=camera_attitude)
+
+    def take_keyframe(self, camera: Clone, camera_attitude: Float, by_pose: Float | None, cov: Float | None) -> None:
+        """Make the present camera pose, as ``clone`` has it, the keyframe; without effect where none is estimated.
+
+        ``by_pose`` (3, 12) are the derivatives of the structure's common errors by the poses of the keyframe before and
+        by the present one, and ``cov`` (3, 3) their noise; None leaves the structure as it is.
+        """
+        if not self.layout.has("keyframe_position"):
+            return
+        states = {"keyframe_position": self._rows("position"), "keyframe_rotation": camera_attitude}
+        if by_pose is not None:
+            before = [self._rows("keyframe_position"), self._rows("keyframe_rotation")]
+            states["structure"] = by_pose @ np.concatenate((*before, *states.values()))
+        self._set_states(**states)
+        self.nominal = replace(self.nominal, keyframe=camera)
+        if cov is not None:
+            where = self.layout.slices["structure"]
+            self.P[where, where] += cov
+            self.nominal = replace(self.nominal, structure_m=np.zeros(3))
+
+    def _rows(self, name: str) -> Float:
+        """Rows of the identity that pick a group of the error state."""
+        rows: Float = np.eye(self.layout.size)[self.layout.slices[name]]
+        return rows
+
+    def _set_states(self, **groups: Float) -> None:
+        """Make groups of states linear functions (k, size) of the present error state."""
+        T = np.eye(self.layout.size)
+        for name, rows in groups.items():
+            T[self.layout.slices[name]] = rows
         self.P = T @ self.P @ T.T
 
     def inflate(self, group: str, variance: float) -> None:

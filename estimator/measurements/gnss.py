@@ -8,7 +8,7 @@ from estimator.filters.eskf import ErrorStateFilter
 from estimator.measurements.innovation import Innovation
 from estimator.types import Float
 
-HORIZONTAL_VELOCITY_STD_M_S = 0.4
+HORIZONTAL_VELOCITY_STD_M_S = 0.2
 VERTICAL_VELOCITY_STD_M_S = 0.8
 
 

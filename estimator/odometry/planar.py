@@ -8,7 +8,7 @@ instead drops the plane, and the residual stays linear in every error that matte
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,33 @@ MIN_PARALLAX = 0.005
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class KnownHeights:
+    """Down (n,) of points that is known better than by the ground model, and what its error has in common.
+
+    The error of point i is ``by_error[i]`` (n, k) times k common ones.
+    """
+
+    down_m: Float
+    by_error: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MomentResidual:
+    """How the tracks turn and spread about their middle against the motion predicted, with its linear model.
+
+    ``residual`` (2,) is the turn in radians, positive from north to east, and the growth as a share. ``by_pose_first``
+    and ``by_pose_second`` (2, 6) are its derivatives by camera position NED and by the camera's rotation error about
+    the NED axes, ``by_heights`` (2, k) by the common errors of known heights.
+    """
+
+    residual: Float
+    by_pose_first: Float
+    by_pose_second: Float
+    by_heights: Float
+    cov: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class DisplacementResidual:
     """Mean disagreement of the tracks with the predicted motion, with its linear model.
 
@@ -34,6 +61,10 @@ class DisplacementResidual:
     how far the surface lies below the ground model: it scales the motion, and of all errors lasts the longest.
     ``cov_m2`` (2, 2). ``relief_m`` is the standard deviation of the seen surface's height about the ground model, from
     how much more the tracks scatter along the motion, where height shows, than across; infinite where that is unknown.
+
+    Where the points' heights are known ``by_heights`` (2, k) are the derivatives by their common errors, in place of
+    ``by_ground``; ``below_m`` is how far their mean lies below the ground model, with its variance and its derivatives
+    ``below_by_heights`` (1, k); and ``moments`` is what the tracks say beyond their mean.
     """
 
     residual_ne_m: Float
@@ -46,6 +77,11 @@ class DisplacementResidual:
     tracks: int
     inlier_fraction: float
     relief_m: float
+    by_heights: Float | None = None
+    below_m: float = float("nan")
+    below_variance_m2: float = float("inf")
+    below_by_heights: Float | None = None
+    moments: MomentResidual | None = None
 
 
 def residual_of_points(
@@ -69,6 +105,7 @@ def residual_of_points(
 def displacement_residual(
     rays_first: Float, rays_second: Float, pos_first_ned_m: Float, pos_second_ned_m: Float,
     down_at: Callable[[Float, Float], Float], pixel_std_rad: float, relative_std: float,
+    known: KnownHeights | None = None,
 ) -> DisplacementResidual | None:  # fmt: skip
     """Compare the motion that tracks show with the motion predicted.
 
@@ -84,6 +121,8 @@ def displacement_residual(
         Angular noise of one track.
     relative_std
         Part of the displacement that relief and lens leave unmodelled.
+    known
+        Heights of the n points where they are known better than by the ground model.
 
     Returns
     -------
@@ -102,6 +141,8 @@ def displacement_residual(
         ground_ne = pos_first_ned_m[:2] + slope_first * (down - pos_first_ned_m[2])[:, None]
         looked_up = down_at(ground_ne[:, 0], ground_ne[:, 1])
         down = np.where(np.isfinite(looked_up), looked_up, down)
+    below_m = np.zeros(len(down)) if known is None else known.down_m[usable] - down
+    down = down + below_m
     height_first = down - pos_first_ned_m[2]
     height_second = down - pos_second_ned_m[2]
     if not (height_first > 0.5).all() or not (height_second > 0.5).all():
@@ -119,12 +160,54 @@ def displacement_residual(
     # neighbouring tracks share the error of the relief below them: a third of them counts
     cov = scatter / max(count / 3.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
     # The derivatives are taken where the second rays are predicted, not where they were measured: a noise that stands
-    # in both residual and Jacobian would drag height and ground, a little with every picture, to one side.
+    # in both residual and Jacobian would drag height and ground, a little with every picture, to one side. So for known
+    # heights: to raise cameras and surface together must change nothing, or that direction, never observed, drifts.
     expected = (point_first - pos_second_ned_m[:2]) / height_second[:, None]
-    relief_m = _relief_m(residuals, pos_second_ned_m - pos_first_ned_m, float(np.median(height_second)))
-    return residual_of_points(
+    # the relief is that about the ground model: what was known of each point's height is put back
+    by_model = residuals - (slope_first - slope_second) * below_m[:, None]
+    relief_m = _relief_m(by_model, pos_second_ned_m - pos_first_ned_m, float(np.median(height_second)))
+    residual = residual_of_points(
         mean, cov, slope_first[inlier], expected[inlier], height_first[inlier], height_second[inlier],
         len(residuals), relief_m=relief_m,
+    )  # fmt: skip
+    if known is None:
+        return residual
+    by_error = known.by_error[usable][inlier]
+    by_heights = (slope_first - expected)[inlier][:, :, None] * by_error[:, None]
+    return replace(
+        residual,
+        by_heights=by_heights.mean(axis=0),
+        below_m=float(below_m[inlier].mean()),
+        below_variance_m2=float(np.var(below_m[inlier])) / max(count / 3.0, 1.0),
+        below_by_heights=by_error.mean(axis=0)[None],
+        moments=_moments(
+            point_first[inlier], residuals[inlier], ground_point_by_pose(slope_first[inlier], height_first[inlier]),
+            ground_point_by_pose(expected[inlier], height_second[inlier]), by_heights, relative_std * displacement,
+        ),
+    )  # fmt: skip
+
+
+def _moments(
+    points_ne_m: Float, residuals_ne_m: Float, by_first: Float, by_second: Float, by_heights: Float, floor_m: float
+) -> MomentResidual | None:
+    """Turn and growth that fit the residuals (n, 2) of points (n, 2) best, about the points' middle.
+
+    Least squares of r = a + w (east, north)' x + s x: about the middle the three are independent of each other.
+    """
+    x = points_ne_m - points_ne_m.mean(axis=0)
+    square = float(np.sum(x**2))
+    if square < 1.0:
+        return None
+    weights = np.stack((np.column_stack((-x[:, 1], x[:, 0])), x)) / square
+    residual = np.einsum("kni,ni->k", weights, residuals_ne_m)
+    left = residuals_ne_m - residuals_ne_m.mean(axis=0)
+    left = left - square * np.einsum("kni,k->ni", weights, residual)
+    count = len(x)
+    # as for the mean: a third of the tracks counts, and something is left unmodelled that they have in common
+    variance = 3.0 * float(np.mean(left**2)) / square + (floor_m**2 + 1e-4) * count / square
+    return MomentResidual(
+        residual, np.einsum("kni,nij->kj", weights, by_first), -np.einsum("kni,nij->kj", weights, by_second),
+        np.einsum("kni,nij->kj", weights, by_heights), np.eye(2) * variance,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.geometry.camera import Camera
 from estimator.types import Float, Image
@@ -27,10 +28,14 @@ class TrackerConfig:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """Pixels (n, 2) of the same corners in the previous and in the present picture."""
+    """Pixels (n, 2) of the same corners in the previous and in the present picture.
+
+    ``kept`` (n,) are their indices among the corners of the previous picture; they are the first of the present one's.
+    """
 
     previous_uv_px: Float
     present_uv_px: Float
+    kept: NDArray[np.intp]
 
 
 class CornerTracker:
@@ -88,7 +93,8 @@ class CornerTracker:
         )  # fmt: skip
         if not good.any():
             return None
-        return Tracks(self._corners.reshape(-1, 2)[good].astype(np.float64), uv[good].astype(np.float64))
+        previous = self._corners.reshape(-1, 2)[good].astype(np.float64)
+        return Tracks(previous, uv[good].astype(np.float64), np.flatnonzero(good))
 
     def _replenished(self, image: Image, followed_uv_px: Float) -> np.ndarray:
         config = self.config

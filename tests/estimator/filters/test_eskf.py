@@ -42,6 +42,8 @@ def _nominal() -> Nominal:
         ground_biases_m=np.array([0.8, -0.5]),
         map_bias_ne_m=np.array([0.3, -0.4]),
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
+        keyframe=Clone(np.array([14.0, -2.0, -88.0]), q_from_euler(0.0, -1.5, 0.8)),
+        structure_m=np.array([0.4, -1.5, 2.0]),
     )
 
 
@@ -61,6 +63,8 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
     """Error state (n,) that moves ``of`` onto ``to``, written out by hand."""
     assert to.clone is not None
     assert of.clone is not None
+    assert to.keyframe is not None
+    assert of.keyframe is not None
     return np.concatenate(
         (
             to.motion.pos_ned_m - of.motion.pos_ned_m,
@@ -75,6 +79,9 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
             to.map_bias_ne_m - of.map_bias_ne_m,
             to.clone.pos_ned_m - of.clone.pos_ned_m,
             _turn(to.clone.q_ned_from_camera, of.clone.q_ned_from_camera),
+            to.keyframe.pos_ned_m - of.keyframe.pos_ned_m,
+            _turn(to.keyframe.q_ned_from_camera, of.keyframe.q_ned_from_camera),
+            to.structure_m - of.structure_m,
         )
     )
 
@@ -168,6 +175,48 @@ def test_rejected_innovation_leaves_the_state_alone() -> None:
     assert np.isnan(nis)
     assert eskf.nominal is before
     assert_allclose(eskf.P, np.eye(FULL.size))
+
+
+def test_a_keyframe_hands_its_errors_and_the_old_ones_to_the_structure() -> None:
+    """The new structure's covariance against the same linear map written out, with the old keyframe in it."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(0.0, 1.0, (FULL.size, FULL.size))
+    eskf = _filter(root @ root.T)
+    before = eskf.P.copy()
+    by_pose, cov = rng.normal(0.0, 1.0, (3, 12)), np.diag([0.1, 0.2, 0.3])
+    by_state = FULL.jacobian(3, attitude=np.eye(3), boresight=matrix_from_q(_nominal().motion.q_ned_from_body))
+    camera = Clone(eskf.nominal.motion.pos_ned_m + 1.0, q_from_euler(0.0, -1.5, 0.4))
+
+    eskf.take_keyframe(camera, by_state, by_pose, cov)
+
+    poses = np.concatenate((
+        FULL.jacobian(3, keyframe_position=np.eye(3)), FULL.jacobian(3, keyframe_rotation=np.eye(3)),
+        FULL.jacobian(3, position=np.eye(3)), by_state,
+    ))  # fmt: skip
+    assert_allclose(eskf.cov("structure"), by_pose @ poses @ before @ poses.T @ by_pose.T + cov, rtol=1e-9)
+    assert_allclose(
+        eskf.cov("structure", "velocity"), (by_pose @ poses @ before)[:, FULL.slices["velocity"]], rtol=1e-9
+    )
+    assert_allclose(eskf.cov("keyframe_rotation"), by_state @ before @ by_state.T, rtol=1e-9)
+    assert_allclose(eskf.nominal.structure_m, 0.0)
+    assert eskf.nominal.keyframe is camera
+
+
+def test_a_keyframe_without_structure_leaves_the_old_one() -> None:
+    eskf = _filter(np.eye(FULL.size))
+    camera = Clone(eskf.nominal.motion.pos_ned_m, q_from_euler(0.0, -1.5, 0.4))
+    eskf.take_keyframe(camera, np.zeros((3, FULL.size)), None, None)
+    assert_allclose(eskf.cov("structure"), np.eye(3))
+    assert_allclose(eskf.nominal.structure_m, _nominal().structure_m)
+
+
+def test_a_filter_without_keyframes_takes_none() -> None:
+    layout = Layout.of(("position", "velocity", "attitude", "clone_position", "clone_rotation"))
+    eskf = ErrorStateFilter(_nominal(), np.eye(layout.size), layout, EARTH, QUIET)
+    before = eskf.nominal.keyframe
+    eskf.take_keyframe(Clone(np.zeros(3), q_from_euler(0.0, 0.0, 0.0)), np.zeros((3, layout.size)), None, None)
+    assert eskf.nominal.keyframe is before
+    assert_allclose(eskf.P, np.eye(layout.size))
 
 
 def test_clone_is_fully_correlated_with_the_present() -> None:

@@ -8,7 +8,7 @@ from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
 from estimator.measurements.barometer import pressure_altitude
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.visual_odometry import displacement
-from estimator.odometry.planar import MIN_TRACKS, DisplacementResidual, displacement_residual
+from estimator.odometry.planar import MIN_TRACKS, DisplacementResidual, KnownHeights, displacement_residual
 
 FIRST = np.array([0.0, 0.0, -100.0])
 SECOND = np.array([9.0, -5.0, -98.0])
@@ -321,3 +321,99 @@ def test_relief_is_unknown_without_motion() -> None:
     hovering = FIRST + np.array([0.1, 0.1, 0.0])
 
     assert np.isinf(_residual(_rays(points, FIRST), _rays(points, hovering), second=hovering).relief_m)
+
+
+def _known(points: np.ndarray, error_m: float = 0.0) -> KnownHeights:
+    place = points[:, :2] / 100.0
+    return KnownHeights(points[:, 2] + error_m, np.column_stack((np.ones(len(points)), place)))
+
+
+def _by_known(
+    points: np.ndarray, first=FIRST, second=SECOND, turned: np.ndarray | None = None, known: KnownHeights | None = None
+) -> DisplacementResidual:
+    rays_second = _rays(points, SECOND) if turned is None else _turned(_rays(points, SECOND), turned)
+    residual = displacement_residual(
+        _rays(points, FIRST), rays_second, first, second, _flat, 5e-4, 0.001, known or _known(points)
+    )
+    assert residual is not None
+    return residual
+
+
+def _wood(count: int, seed: int) -> np.ndarray:
+    points = _ground(count, seed, _flat)
+    points[:, 2] -= np.random.default_rng(seed).uniform(2.0, 14.0, count)
+    return points
+
+
+def test_known_heights_take_the_place_of_the_ground_model() -> None:
+    points = _wood(120, 21)
+    residual = _by_known(points)
+    assert_allclose(residual.residual_ne_m, 0.0, atol=1e-9)
+    assert residual.moments is not None
+    assert_allclose(residual.moments.residual, 0.0, atol=1e-12)
+    assert residual.below_m == pytest.approx(points[:, 2].mean())
+
+
+def test_known_heights_leave_the_relief_to_the_ground_model() -> None:
+    points = _wood(150, 22)
+    expected = points[:, 2].std()
+    assert _by_known(points).relief_m == pytest.approx(expected, rel=0.35)
+
+
+def test_a_turn_and_a_climb_come_back_with_their_sign() -> None:
+    points = _wood(120, 23)
+    turn = _by_known(points, turned=np.array([0.0, 0.0, 0.004])).moments
+    climb = _by_known(points, second=SECOND - [0.0, 0.0, 0.9]).moments
+    assert turn is not None
+    assert climb is not None
+    # rays believed turned from north to east put the second points there, and the residual is first less second
+    assert_allclose(turn.residual, [-0.004, 0.0], atol=2e-4)
+    # believed 0.9 m higher, of 98 m less trees of 8 m, the second points spread too far
+    assert_allclose(climb.residual, [0.0, -0.9 / 90.0], atol=4e-4)
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_moments_change_with_the_second_pose_as_stated(axis: int) -> None:
+    points = _wood(120, 24)
+    base = _by_known(points).moments
+    assert base is not None
+    ends = []
+    for sign in (1.0, -1.0):
+        if axis < 3:
+            moved = _by_known(points, second=SECOND + sign * 0.01 * np.eye(3)[axis])
+        else:
+            moved = _by_known(points, turned=sign * 1e-4 * np.eye(3)[axis - 3])
+        assert moved.moments is not None
+        ends.append(moved.moments.residual)
+    numeric = (ends[0] - ends[1]) / (0.02 if axis < 3 else 2e-4)
+    assert_allclose(base.by_pose_second[:, axis], numeric, rtol=0.02, atol=2e-4 if axis < 3 else 0.02)
+
+
+def test_common_errors_of_the_heights_move_mean_and_moments_as_stated() -> None:
+    points = _wood(120, 25)
+    base = _by_known(points)
+    assert base.by_heights is not None
+    assert base.moments is not None
+    known = _known(points)
+    for k in range(3):
+        ends = [
+            _by_known(points, known=KnownHeights(known.down_m + sign * 0.05 * known.by_error[:, k], known.by_error))
+            for sign in (1.0, -1.0)
+        ]
+        mean = (ends[0].residual_ne_m - ends[1].residual_ne_m) / 0.1
+        turned = [end.moments.residual for end in ends if end.moments is not None]
+        assert_allclose(base.by_heights[:, k], mean, atol=1e-3)
+        assert_allclose(base.moments.by_heights[:, k], (turned[0] - turned[1]) / 0.1, atol=1e-4)
+
+
+def test_raising_cameras_and_surface_together_changes_nothing() -> None:
+    """A direction that nothing observes: a derivative off by the noise alone would let the height drift along it."""
+    points = _wood(120, 26)
+    noisy = points + np.random.default_rng(27).normal(0.0, 0.3, points.shape)
+    residual = displacement_residual(
+        _rays(points, FIRST), _rays(noisy, SECOND), FIRST, SECOND, _flat, 5e-4, 0.001, _known(points)
+    )
+    assert residual is not None
+    assert residual.by_heights is not None
+    together = residual.by_pos_first[:, 2] + residual.by_pos_second[:, 2] + residual.by_heights[:, 0]
+    assert_allclose(together, 0.0, atol=1e-12)
