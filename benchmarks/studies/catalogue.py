@@ -134,7 +134,7 @@ def _without_map(odometry: OdometryConfig) -> NavigatorConfig:
     return NavigatorConfig(odometry=odometry, fix_interval_s=float("inf"))
 
 
-def _drift_study(name: str, title: str, rows: list[tuple[str, str, OdometryConfig]], short: bool) -> Study:
+def _drift_study(name: str, title: str, rows: list[tuple[str, str, NavigatorConfig]], short: bool) -> Study:
     flying = flight(short, "odometry", FlightSection(hover_stops=0))
     lengths = (100.0, 200.0, 400.0) if short else (100.0, 200.0, 400.0, 800.0)
     columns = (
@@ -150,7 +150,7 @@ def _drift_study(name: str, title: str, rows: list[tuple[str, str, OdometryConfi
         "the path relative to their beginnings, position and heading, over their lengths (KITTI style, never scaled); "
         "rms: unaligned error, in which a heading that is wrong from the start counts."
     )
-    flown = tuple(FlownRow(row, change, flying, _without_map(config)) for row, change, config in rows)
+    flown = tuple(FlownRow(row, change, flying, config) for row, change, config in rows)
     return Study(name, title, about, flown, columns, "drift", "drift, share of the distance", lengths)
 
 
@@ -162,20 +162,21 @@ def odometry(short: bool) -> Study:
         ("homography", "2009: robust homography, rotation and slope known", OdometryConfig("homography")),
         ("rays, structure (default)", "and with the heights that followed points have", OdometryConfig()),
     ]
-    study = _drift_study("odometry", "Drift of the odometers", rows, short)
-    kept = study.rows[-1]
-    assert isinstance(kept, FlownRow)
-    alone = FlownRow(
-        "rays", "rays cut with the terrain", kept.scenario, replace(kept.config, groups=GROUPS_WITHOUT_STRUCTURE)
-    )
-    return replace(study, rows=(*study.rows[:-1], alone, kept))
+    configs = [(name, change, _without_map(config)) for name, change, config in rows]
+    memoryless = replace(_without_map(OdometryConfig()), groups=GROUPS_WITHOUT_STRUCTURE)
+    configs.insert(-1, ("rays", "rays cut with the terrain", memoryless))
+    return _drift_study("odometry", "Drift of the odometers", configs, short)
 
 
 def features(short: bool) -> Study:
     """The thesis's question of figure 5.20: how many corners."""
     numbers = (25, 50, 150) if short else (15, 25, 50, 100, 150, 220, 400)
     rows = [
-        (f"{method}, {count}", f"at most {count} corners", OdometryConfig(method, TrackerConfig(count, count // 2)))
+        (
+            f"{method}, {count}",
+            f"at most {count} corners",
+            _without_map(OdometryConfig(method, TrackerConfig(count, count // 2))),
+        )
         for method in ("homography", "rays")
         for count in numbers
     ]
