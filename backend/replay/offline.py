@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -42,13 +42,27 @@ class ReplayError(StationError):
     """A flight that cannot be replayed."""
 
 
+class Alteration(Protocol):
+    """What is changed between a recording and the estimator, to see what it makes of it."""
+
+    def setup(self, setup: NavigationSetup) -> NavigationSetup:
+        """Camera, mount and map as the estimator is told they are."""
+
+    def sample(self, sample: Sample) -> Sample | None:
+        """A sample as the estimator gets it, None where it does not."""
+
+
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """``leave_out`` names MAVLink messages that are taken out of the log; ``time_offset_s`` overrides the folder's."""
+    """``leave_out`` names MAVLink messages that are taken out of the log; ``time_offset_s`` overrides the folder's.
+
+    The offset is searched where neither says it, or where ``config`` asks for that.
+    """
 
     leave_out: frozenset[int] = frozenset()
     time_offset_s: float | None = None
     config: NavigatorConfig = field(default_factory=NavigatorConfig)
+    alteration: Alteration | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +89,8 @@ def replay_flight(
     options = options or ReplayOptions()
     started = time.perf_counter()
     setup = navigation_setup(folder)
+    if options.alteration is not None:
+        setup = options.alteration.setup(setup)
     run = _Run(folder, setup, options)
     run.go(progress)
     if not run.states:
@@ -147,7 +163,7 @@ class _Run:
     def __init__(self, folder: FlightFolder, setup: NavigationSetup, options: ReplayOptions) -> None:
         self.folder = folder
         offset_s = options.time_offset_s
-        unknown = offset_s is None and folder.time_offset_us is None
+        unknown = (offset_s is None and folder.time_offset_us is None) or options.config.find_video_offset
         self.navigator: Navigator = whole_flight_navigator(setup, replace(options.config, find_video_offset=unknown))
         self.time_offset_us = (folder.time_offset_us or 0) if offset_s is None else round(offset_s * 1e6)
         self.states: list[NavigationState] = []
@@ -158,6 +174,7 @@ class _Run:
         self.frames_misshapen = 0
         self.decode_s = 0.0
         self._setup = setup
+        self._alter = options.alteration.sample if options.alteration is not None else _unaltered
         self._samples = _samples(folder, options.leave_out)
         self._next: Sample | None = next(self._samples, None)
 
@@ -167,7 +184,7 @@ class _Run:
         for frame in self._timed_frames():
             self._offer_until(frame.t_us + LOOKAHEAD_US)
             if frame.image.size:
-                self.navigator.offer(frame)
+                self._offer(frame)
             self._advance(frame.t_us)
             done = min(max((frame.t_us - first_us) / max(last_us - first_us, 1), 0.0), 1.0)
             if progress is not None and done - told > 0.005:
@@ -183,8 +200,13 @@ class _Run:
 
     def _offer_until(self, t_us: int) -> None:
         while self._next is not None and self._next.t_us <= t_us:
-            self.navigator.offer(self._next)
+            self._offer(self._next)
             self._next = next(self._samples, None)
+
+    def _offer(self, sample: Sample) -> None:
+        altered = self._alter(sample)
+        if altered is not None:
+            self.navigator.offer(altered)
 
     def _advance(self, t_us: int) -> None:
         self.fixes += self.navigator.advance(t_us)
@@ -239,6 +261,10 @@ class _Run:
                 self.folder.warn(f"{self.folder.path}: from picture {frame.index} on {problem}")
             self.frames_misshapen += 1
         return image
+
+
+def _unaltered(sample: Sample) -> Sample | None:
+    return sample
 
 
 def whole_flight_navigator(setup: NavigationSetup, config: NavigatorConfig) -> Navigator:

@@ -14,8 +14,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from backend.link.dialect import message_layouts
+from backend.navigation.setup import NavigationSetup
 from backend.replay.offline import ReplayError, ReplayOptions, ReplayResult, errors_against_truth, replay_flight
-from estimator.types import Mode
+from estimator.types import BarometerSample, GnssSample, Mode, Sample
 from geodata.flight import FlightFolder, write_truth_csv
 from tests.backend.flight_maker import SIZE, T0_US, plan, write_flight, write_recording_with_faulty_video
 from tests.backend.replay.flown import SPEED_M_S, packets, write_known_flight
@@ -226,3 +227,25 @@ def test_heading_errors_are_within_half_a_turn(truth_deg: float, error_deg: floa
     assert_allclose(np.degrees(errors.heading_error_rad[known]), error_deg, atol=0.5)
     assert_allclose(errors.error_ned_m, 0.0, atol=0.05)
     assert errors.spans_us == [(int(errors.t_us[0]), int(errors.t_us[-1]))]
+
+
+class Higher:
+    """An alteration: a barometer that reads ten metres more, and no satellites after three seconds."""
+
+    def setup(self, setup: NavigationSetup) -> NavigationSetup:
+        return replace(setup, map_id="altered")
+
+    def sample(self, sample: Sample) -> Sample | None:
+        if isinstance(sample, BarometerSample):
+            return replace(sample, pressure_alt_m=sample.pressure_alt_m + 10.0)
+        return None if isinstance(sample, GnssSample) and sample.t_us > T0_US + 3_000_000 else sample
+
+
+def test_what_is_altered_is_what_the_estimator_gets(tmp_path: Path) -> None:
+    flight = write_known_flight(tmp_path / "f")
+    as_flown = replay_flight(flight, tmp_path / "a")
+    altered = replay_flight(flight, tmp_path / "b", None, ReplayOptions(alteration=Higher()))
+
+    assert altered.report["samples"]["gnss"] < as_flown.report["samples"]["gnss"]
+    # a barometer's zero is learned from the first fixes: it is no error of the height
+    assert_allclose(altered.states[0].alt_amsl_m, as_flown.states[0].alt_amsl_m, atol=0.5)
