@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Literal
+
+from estimator.types import Doubt, Mode
 
 Severity = Literal["info", "caution", "warning"]
 
@@ -26,6 +29,9 @@ LINK_LOST = AlarmKind("link_lost", "warning", 0.0, 1.0)
 NAVIGATOR_LOST = AlarmKind("navigator_lost", "warning", 1.0, 2.0)
 NAVIGATOR_FAILED = AlarmKind("navigator_failed", "warning", 0.0, 5.0)
 DEAD_RECKONING = AlarmKind("dead_reckoning", "caution", 3.0, 2.0)
+NO_TEXTURE = AlarmKind("no_texture", "caution", 1.0, 3.0)
+MAP_MISMATCH = AlarmKind("map_mismatch", "caution", 1.0, 5.0)
+MAP_OFFSET = AlarmKind("map_offset", "caution", 1.0, 5.0)
 DISK_LOW = AlarmKind("disk_low", "caution", 0.0, 30.0)
 RECORDING_FAILED = AlarmKind("recording_failed", "warning", 0.0, 10.0)
 
@@ -41,6 +47,29 @@ class Alarm:
     text: str
     active: bool
     since_unix_us: int
+
+
+def estimator_checks(
+    vehicle_id: str, mode: Mode | None, doubts: Collection[Doubt]
+) -> tuple[tuple[AlarmKind, bool, str], ...]:
+    """What a state of the estimator says for each of its alarms: kind, condition, text for the operator."""
+    said = (
+        (NAVIGATOR_LOST, mode is Mode.LOST, "the estimator does not know where it is"),
+        (DEAD_RECKONING, mode is Mode.DEAD_RECKONING, "no position fix; the error grows until one succeeds"),
+        (
+            NO_TEXTURE, Doubt.NO_TEXTURE in doubts,
+            "the picture shows too little to navigate by: fog, darkness, glare, or bare water",
+        ),
+        (
+            MAP_MISMATCH, Doubt.MAP_MISMATCH in doubts,
+            "the pictures do not fit the map here: wrong or outdated imagery, or a wrong camera file",
+        ),
+        (
+            MAP_OFFSET, Doubt.MAP_OFFSET in doubts,
+            "the map and GPS disagree by a steady distance: one of them is displaced",
+        ),
+    )  # fmt: skip
+    return tuple((kind, condition, f"vehicle {vehicle_id}: {text}") for kind, condition, text in said)
 
 
 @dataclass(slots=True)

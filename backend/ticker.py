@@ -12,7 +12,6 @@ from backend import alarms
 from backend.clock import mono_us, unix_us
 from backend.fleet.vehicle import LiveVehicle
 from backend.video.frames import VideoStatus
-from estimator.types import Mode
 
 if TYPE_CHECKING:
     from backend.station import Station
@@ -119,7 +118,8 @@ class Ticker:
 
     def _watch_vehicle(self, vehicle: LiveVehicle, now_us: int) -> None:
         station, name = self._station, vehicle.id
-        mode = None if vehicle.latest is None else vehicle.latest.state.mode
+        latest = None if vehicle.latest is None else vehicle.latest.state
+        mode, doubts = (None, ()) if latest is None else (latest.mode, latest.doubts)
         gps = vehicle.gps
         # Before the first report nothing has been lost.
         gps_lost = gps is not None and (not gps.has_fix or now_us - gps.t_us > GPS_SILENT_US)
@@ -127,11 +127,7 @@ class Ticker:
         checks = (
             (alarms.LINK_LOST, not vehicle.connected, f"vehicle {name}: no heartbeat; the position shown is old"),
             (alarms.GPS_LOST, gps_lost and vehicle.connected, f"vehicle {name}: the GPS receiver has no fix"),
-            (alarms.NAVIGATOR_LOST, mode is Mode.LOST, f"vehicle {name}: the estimator does not know where it is"),
-            (
-                alarms.DEAD_RECKONING, mode is Mode.DEAD_RECKONING,
-                f"vehicle {name}: no position fix; the error grows until one succeeds",
-            ),
+            *alarms.estimator_checks(name, mode, doubts),
             (
                 alarms.NAVIGATOR_FAILED, failure is not None,
                 f"vehicle {name}: the estimator failed and starts anew ({failure})",

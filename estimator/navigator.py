@@ -6,11 +6,11 @@ arrives late is fused at the time it was taken. ``predict`` carries the state on
 
 from __future__ import annotations
 
-import copy
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from estimator.measurements.global_fix import FoundPose, GlobalFixer
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
 from estimator.measurements.picture_to_picture import VisualOdometry
+from estimator.measurements.self_watch import SelfWatch
 from estimator.measurements.video_clock import VideoClock
 from estimator.navigator_config import GROUPS, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
@@ -85,6 +86,7 @@ class Navigator:
         self._fixer: MapFixer | None = None
         self._search: GlobalFixer | None = None
         self._searching = False
+        self._watch = SelfWatch(config.watch)
         self._pressure_alt_m: float | None = None
         self._turn = np.array([1.0, 0.0, 0.0, 0.0])  # takes the reported attitude to the true one, about the vertical
         if reference is not None:
@@ -202,14 +204,14 @@ class Navigator:
             return None
         if t_us <= self._t_us:
             return self._history.at(t_us) or self.state
-        return self._carried_on(_copied(self._eskf), t_us, (), self._is_lost(self._eskf))
+        return self._carried_on(self._eskf.copied(), t_us, (), self._is_lost(self._eskf))
 
     def outlook(self) -> Outlook:
         """What is known now, for another thread to ask while this one is at work on a picture, and until it ends.
 
         It is asked for a time, with the samples that have come since, and answers as ``state_at`` and ``predict`` do.
         """
-        eskf = None if self._eskf is None else _copied(self._eskf)
+        eskf = None if self._eskf is None else self._eskf.copied()
         lost = self._eskf is not None and self._is_lost(self._eskf)
 
         def at(t_us: int, newer: Sequence[Sample]) -> NavigationState | None:
@@ -419,18 +421,18 @@ class Navigator:
                 return None
             self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
         image = _grey(sample.image)
+        if not self._watch.takes(image):
+            return None
         self._odometry.fuse(sample.t_us, image, eskf, self._camera_now, self._down_at, self._apply)
         camera, camera_pos = self._camera_now(eskf)
         self.stage_seconds["odometry"] += self._clock_s() - started
-        if (
-            self._fixer is None
-            or self._odometry.frozen
-            or not self._due("fix", sample.t_us, self.config.fix_interval_s)
-        ):
+        interval_s = self.config.fix_interval_s
+        if self._fixer is None or self._odometry.frozen or not self._due("fix", sample.t_us, interval_s):
             return None
         started = self._clock_s()
         ground_down = float(self._ground_down(camera_pos))
-        report = self._fixer.attempt(replace(sample, image=image), eskf, camera, camera_pos, ground_down)
+        fix = partial(self._fixer.attempt, replace(sample, image=image), eskf, camera, camera_pos, ground_down)
+        report = self._watch.attempt(self._fixer, sample, eskf, self._has_satellites(sample.t_us), fix)
         if report.accepted:
             self._last_us["accepted"] = sample.t_us
         elif self._fixer.rejected_in_row >= 10:
@@ -458,7 +460,7 @@ class Navigator:
 
     def _mode(self, eskf: ErrorStateFilter, t_us: int, lost: bool) -> Mode:
         std = horizontal_std_m(eskf)
-        if t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied:
+        if self._has_satellites(t_us):
             return Mode.GPS
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
@@ -466,6 +468,9 @@ class Navigator:
         if age_s <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
             return Mode.VISION
         return Mode.DEAD_RECKONING
+
+    def _has_satellites(self, t_us: int) -> bool:
+        return t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied
 
     def _fix_age_s(self, t_us: int) -> float:
         accepted = self._last_us.get("accepted")
@@ -476,15 +481,10 @@ class Navigator:
         q = eskf.nominal.motion.q_ned_from_body
         camera = self._camera_attitude.at(t_us, q, eskf.nominal.boresight_rad)
         given = Given(
-            t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset
-        )
+            t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset,
+            self._watch.doubts(eskf, self._fixer),
+        )  # fmt: skip
         return snapshot(eskf, given, self.frame, camera, self._ground_down(eskf.nominal.motion.pos_ned_m))
-
-
-def _copied(eskf: ErrorStateFilter) -> ErrorStateFilter:
-    copied = copy.copy(eskf)
-    copied.P = eskf.P.copy()
-    return copied
 
 
 def _grey(image: Image) -> Image:

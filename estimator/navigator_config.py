@@ -9,12 +9,13 @@ from estimator.filters.initialise import InitialGuess
 from estimator.measurements.global_fix import GlobalFixConfig
 from estimator.measurements.map_fix import MapFixConfig
 from estimator.measurements.picture_to_picture import OdometryConfig
+from estimator.measurements.self_watch import SelfWatchConfig
 from estimator.measurements.video_clock import VideoClockConfig
 from estimator.registration.alignment import MatcherConfig
 
 GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
+    "attitude_bias", "ground_bias", "map_bias", "map_offset", "clone_position", "clone_rotation",
     "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 
@@ -31,6 +32,7 @@ class NavigatorConfig:
     global_fix: GlobalFixConfig = field(default_factory=GlobalFixConfig)
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     video_clock: VideoClockConfig = field(default_factory=VideoClockConfig)
+    watch: SelfWatchConfig = field(default_factory=SelfWatchConfig)
     find_video_offset: bool = False
     use_inertial: bool = True
     fix_interval_s: float = 0.4

@@ -10,7 +10,7 @@ from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import q_from_matrix
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
-from estimator.types import Mode, NavigationState, VideoOffset
+from estimator.types import Doubt, Mode, NavigationState, VideoOffset
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,6 +22,7 @@ class Given:
     process_model: str
     last_fix_age_s: float
     video_offset: VideoOffset
+    doubts: tuple[Doubt, ...] = ()
 
 
 def snapshot(
@@ -52,6 +53,7 @@ def snapshot(
         boresight_rad=eskf.nominal.boresight_rad.copy() if has_boresight else None,
         cov_boresight_rad2=eskf.cov("boresight") if has_boresight else None,
         video_offset=given.video_offset,
+        doubts=given.doubts,
     )
 
 

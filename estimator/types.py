@@ -25,6 +25,18 @@ class Mode(StrEnum):
     LOST = "lost"
 
 
+class Doubt(StrEnum):
+    """What the estimator has noticed of its inputs that an operator should know.
+
+    ``no_texture``: pictures show too little to navigate by. ``map_mismatch``: those of different places together do not
+    fit the map. ``map_offset``: map and satellites disagree by a steady distance.
+    """
+
+    NO_TEXTURE = "no_texture"
+    MAP_MISMATCH = "map_mismatch"
+    MAP_OFFSET = "map_offset"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class InertialSample:
     """One reading of gyroscopes and accelerometers: rates (3,) and specific force (3,) in body FRD."""
@@ -162,6 +174,7 @@ class NavigationState:
     NED in metres, then its small rotation error about the NED axes in radians, boresight included.
     ``alt_agl_m`` is above the ground below the vehicle, NaN where the ground is unknown.
     ``last_fix_age_s`` counts from the last accepted absolute position fix, infinity before the first.
+    ``doubts`` are those that stand.
     ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
     gimbal frame from the stated mount to the true one; None where it is not estimated.
     """
@@ -185,6 +198,7 @@ class NavigationState:
     boresight_rad: Float | None = None
     cov_boresight_rad2: Float | None = None
     video_offset: VideoOffset | None = None
+    doubts: tuple[Doubt, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,7 +4,8 @@ The error state holds position, velocity and attitude error (the small rotation 
 nominal attitude to the true one), the accelerometer bias of Conte 2009 (section 4.3, twelve states), and groups that
 can be left out: gyroscope bias, barometer bias, camera misalignment, the slow error of the attitude that the autopilot
 reports, how far the visible surface lies below the ground model, and the local displacement of the reference imagery.
-The last two change with the ground flown over and not with time. Then come stochastic clones of the position and the
+The last two change with the ground flown over and not with time. The displacement of the imagery as a whole is not
+estimated until ``learn_map_offset`` says that there is one. Then come stochastic clones of the position and the
 camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous picture and at the last
 keyframe, which make visual odometry an ordinary measurement, and the common errors of the heights that points have by
 the last two keyframes.
@@ -12,6 +13,7 @@ the last two keyframes.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,10 +25,10 @@ from estimator.types import Float
 
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "clone_position", "clone_rotation",
+    "attitude_bias", "ground_bias", "map_bias", "map_offset", "clone_position", "clone_rotation",
     "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
-_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2}
+_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_offset": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +112,7 @@ class Nominal:
     attitude_bias_rad: Float
     ground_biases_m: Float = field(default_factory=lambda: np.zeros(2))
     map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
+    map_offset_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
     keyframe: Clone | None = None
     structure_m: Float = field(default_factory=lambda: np.zeros(3))
@@ -302,6 +305,7 @@ class ErrorStateFilter:
             attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
             ground_biases_m=moved("ground_bias", nominal.ground_biases_m),
             map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
+            map_offset_ne_m=moved("map_offset", nominal.map_offset_ne_m),
             clone=self._moved_clone(nominal.clone, "clone", dx),
             keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
             structure_m=moved("structure", nominal.structure_m),
@@ -319,6 +323,12 @@ class ErrorStateFilter:
         return Clone(
             clone.pos_ned_m + dx[part[f"{name}_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
         )
+
+    def copied(self) -> ErrorStateFilter:
+        """One with the same estimate that can be carried on by itself."""
+        other = copy.copy(self)
+        other.P = self.P.copy()
+        return other
 
     def clone(self, camera: Clone, camera_attitude: Float) -> None:
         """Copy position and camera rotation error into the clone states; ``camera`` is their nominal value.
@@ -362,6 +372,17 @@ class ErrorStateFilter:
     def inflate(self, group: str, variance: float) -> None:
         """Add independent variance (diagonal) to a group of states."""
         np.einsum("ii->i", self.P)[self.layout.slices[group]] += variance
+
+    def learn_map_offset(self, displacement_ne_m: Float, std_m: float) -> None:
+        """Take the imagery to be displaced by so much (2,) more, to ``std_m``; updates then know it better.
+
+        What else is known of the state does not change: the displacement was seen against it.
+        """
+        where = self.layout.slices["map_offset"]
+        self.nominal = replace(self.nominal, map_offset_ne_m=self.nominal.map_offset_ne_m + displacement_ne_m)
+        self.P[where] = 0.0
+        self.P[:, where] = 0.0
+        self.inflate("map_offset", std_m**2)
 
     def cov(self, group: str, other: str | None = None) -> Float:
         """A copy of a block of the covariance."""

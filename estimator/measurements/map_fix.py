@@ -16,6 +16,7 @@ import numpy as np
 from estimator.filters.eskf import ErrorStateFilter
 from estimator.filters.heading_slices import HeadingSlices
 from estimator.filters.point_mass import Moments, PointMassConfig, PointMassFilter, information_increment
+from estimator.integrity.map_evidence import MapEvidence, MapEvidenceConfig
 from estimator.measurements import terrain_fix
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
@@ -63,8 +64,8 @@ class MapFixConfig:
 
     Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
     horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
-    predicted heading and height only; ``use_windows`` off leaves the density. ``acceptance`` by the sliding window has
-    neither density nor windows.
+    predicted heading and height only; ``use_windows`` off leaves the density; ``evidence`` None believes every map.
+    ``acceptance`` by the sliding window has neither density nor windows.
     """
 
     search_sigmas: float = 3.5
@@ -96,10 +97,14 @@ class MapFixConfig:
     temper: bool = True
     search_pose: bool = True
     use_windows: bool = True
+    evidence: MapEvidenceConfig | None = field(default_factory=MapEvidenceConfig)
 
 
 class MapFixer:
-    """Makes absolute fixes and applies them to the inertial filter."""
+    """Makes absolute fixes and applies them to the inertial filter.
+
+    ``least_reach_m`` widens the search, where the map may be displaced by more than the estimate's own error.
+    """
 
     def __init__(
         self, registrar: Registrar, config: MapFixConfig | None = None,
@@ -115,6 +120,8 @@ class MapFixer:
         self._last_t_us = 0
         self._last_accepted_ne_m = UNKNOWN_NE
         self.rejected_in_row = 0
+        self.least_reach_m = 0.0
+        self.evidence = MapEvidence(self.config.evidence)
 
     @property
     def registrar(self) -> Registrar:
@@ -125,6 +132,12 @@ class MapFixer:
     def lost_probability(self) -> float:
         """Probability that the vehicle is not where the density looks."""
         return self._density.lost_probability if self._density is not None else 0.0
+
+    def begin_anew(self) -> None:
+        """Drop what earlier pictures said of place and map: it was against another position of the map."""
+        self._density = None
+        self.rejected_in_row = 0
+        self.evidence = MapEvidence(self.config.evidence)
 
     def attempt(
         self, frame: FrameSample, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float,
@@ -178,7 +191,8 @@ class MapFixer:
             moments = self._density.moments()
             std = max(std, float(np.sqrt(np.linalg.eigvalsh(moments.cov_ne_m2[:2, :2])[-1])))
         config = self.config
-        return float(np.clip(config.search_sigmas * std + config.min_search_m, 0.0, config.max_search_m))
+        reach_m = max(config.search_sigmas * std + config.min_search_m, self.least_reach_m)
+        return float(np.clip(reach_m, 0.0, config.max_search_m))
 
     def _hypotheses(self, eskf: ErrorStateFilter, camera: CameraAttitude, height_m: float) -> tuple[Float, Float]:
         if not self.config.search_pose:
@@ -202,6 +216,7 @@ class MapFixer:
         fresh = self._density is None
         density = self._predicted_density(eskf, camera, match, H, predicted_ne, frame.t_us)
         alike_m = self.config.correlation_share * match.footprint_m
+        self.evidence.add(match.outlier_probability, predicted_ne, alike_m)
         weight = self._weight(predicted_ne, self._last_accepted_ne_m, alike_m)
         # what is handed over is all that the density has gained on the filter, since the last time it was
         prior = self._prior(eskf, camera, density, H, predicted_ne)
@@ -377,6 +392,8 @@ class MapFixer:
 
     def _refusal(self, match: Match, density: PointMassFilter | HeadingSlices) -> str | None:
         config = self.config
+        if config.evidence is not None and self.evidence.against:
+            return "the last pictures together contradict the map"
         if match.outlier_probability > config.max_outlier_probability:
             return f"match too weak (outlier probability {match.outlier_probability:.2f})"
         if density.lost_probability > config.max_lost_probability:

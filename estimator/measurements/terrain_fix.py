@@ -24,7 +24,7 @@ MIN_INFORMATION = 1e-9
 
 def apparent_pose(eskf: ErrorStateFilter, camera_pos_ned_m: Float) -> Float:
     """Camera position (3,) at which the map as it is would show the picture: displaced with it, above what is seen."""
-    north, east = eskf.nominal.map_bias_ne_m
+    north, east = eskf.nominal.map_bias_ne_m + eskf.nominal.map_offset_ne_m
     pos: Float = camera_pos_ned_m + np.array([north, east, -eskf.nominal.ground_bias_m])
     return pos
 
@@ -36,6 +36,7 @@ def apparent_pose_jacobian(eskf: ErrorStateFilter, camera: CameraAttitude) -> Fl
         6,
         position=position,
         map_bias=position[:, :2],
+        map_offset=position[:, :2],
         ground_bias=-position[:, [2, 2]],
         attitude=turn @ camera.by_attitude,
         boresight=turn @ camera.by_boresight,

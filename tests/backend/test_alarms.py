@@ -1,6 +1,9 @@
 """Alarms rise and clear with hysteresis."""
 
-from backend.alarms import AlarmBoard, AlarmKind
+import pytest
+
+from backend.alarms import AlarmBoard, AlarmKind, estimator_checks
+from estimator.types import Doubt, Mode
 
 KIND = AlarmKind("gps_lost", "warning", raise_after_s=2.0, clear_after_s=3.0)
 
@@ -58,3 +61,20 @@ def test_vehicles_do_not_share_alarms() -> None:
     assert [alarm.vehicle_id for alarm in board.active] == ["1"]
     assert [alarm.active for alarm in board.forget("1")] == [False]
     assert board.active == []
+
+
+@pytest.mark.parametrize("doubt", list(Doubt))
+def test_every_doubt_of_the_estimator_has_an_alarm_that_says_what_it_is(doubt: Doubt) -> None:
+    raised = {kind.code: text for kind, condition, text in estimator_checks("7", Mode.VISION, (doubt,)) if condition}
+
+    assert list(raised) == [str(doubt)]
+    assert raised[str(doubt)].startswith("vehicle 7: ")
+
+
+@pytest.mark.parametrize(("mode", "code"), [(Mode.LOST, "navigator_lost"), (Mode.DEAD_RECKONING, "dead_reckoning")])
+def test_a_mode_without_a_position_fix_has_one_too(mode: Mode, code: str) -> None:
+    assert [kind.code for kind, condition, _ in estimator_checks("7", mode, ()) if condition] == [code]
+
+
+def test_before_the_first_state_nothing_is_alarming() -> None:
+    assert not any(condition for _, condition, _ in estimator_checks("7", None, ()))

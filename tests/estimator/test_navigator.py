@@ -1,5 +1,6 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from estimator.navigator import Navigator, NavigatorConfig, Outlook
 from estimator.types import (
     AttitudeSample,
     BarometerSample,
+    Doubt,
     FixReport,
     FrameSample,
     GnssSample,
@@ -18,7 +20,7 @@ from estimator.types import (
     Mode,
     OffsetSource,
 )
-from tests.estimator.registration.textured_map import MAP, NADIR_TOP_NORTH, FlatGround, TexturedMap, seen_by
+from tests.estimator.registration.textured_map import MAP, NADIR_TOP_NORTH, FlatGround, TexturedMap, Window, seen_by
 
 FRAME = LocalFrame(np.deg2rad(47.0), np.deg2rad(8.0), 250.0)
 CAMERA = Camera.from_hfov(240, 180, np.deg2rad(60.0))
@@ -235,6 +237,70 @@ def test_frozen_pictures_are_not_motion() -> None:
     # four seconds without a position
     assert navigator.state.vel_ned_m_s[0] == pytest.approx(SPEED, abs=1.0)
     assert _error_m(navigator) < 4.0
+
+
+def test_a_dark_picture_is_neither_followed_nor_matched_and_is_told() -> None:
+    """
+    Fault: the camera shows nothing but its noise for five seconds.
+    Expected: no odometry, no fix, the doubt stands and ends, and vision comes back with the light.
+    """
+    navigator = _navigator()
+    _fly(navigator, 0.0, 4.0)
+    navigator.gps_denied = True
+    _fly(navigator, 4.0, 5.0, gnss=False)
+    odometry, rng = navigator.counts["odometry"], np.random.default_rng(4)
+    reports: list[FixReport] = []
+    for k in range(10, 20):
+        dark = rng.integers(0, 12, (180, 240)).astype(np.uint8)
+        navigator.offer(FrameSample(_t_us(k * 0.5 + 0.01), 1000 + k, dark))
+        reports += _fly(navigator, k * 0.5, k * 0.5 + 0.5, gnss=False, frames=False)
+    blind = navigator.state
+
+    assert navigator.counts["odometry"] == odometry
+    assert reports == []
+    assert blind is not None
+    assert blind.doubts == (Doubt.NO_TEXTURE,)
+    # five seconds without a position
+    assert _error_m(navigator) < 5.0
+    _fly(navigator, 10.0, 13.0, gnss=False)
+    assert navigator.state is not None
+    assert navigator.state.doubts == ()
+    assert navigator.state.mode is Mode.VISION
+
+
+def test_a_displaced_map_is_learned_and_serves_once_satellites_are_denied() -> None:
+    """
+    Fault: the map lies 25 m north of where it should.
+    Expected: told while there are satellites, and taken off when there are none.
+    """
+    reference = _Displaced(MAP, 25.0)
+    navigator = _navigator(reference=reference)
+    _fly(navigator, 0.0, 14.0)
+    told = navigator.state
+    navigator.gps_denied = True
+    reports = _fly(navigator, 14.0, 20.0, gnss=False)
+
+    assert told is not None
+    assert Doubt.MAP_OFFSET in told.doubts
+    assert sum(report.accepted for report in reports) >= 6
+    assert navigator.state is not None
+    assert navigator.state.mode is Mode.VISION
+    # a receiver's metre and a half and the map's own metre pixels
+    assert _error_m(navigator) < 3.0
+
+
+class _Displaced:
+    """A map that shows everything further north than it is."""
+
+    def __init__(self, scene: TexturedMap, north_m: float) -> None:
+        self.gsd_m = scene.gsd_m
+        south, west, north, east = scene.bounds_ne_m
+        self.bounds_ne_m = (south + north_m, west, north + north_m, east)
+        self._scene, self._north_m = scene, north_m
+
+    def window(self, north_min_m: float, east_min_m: float, north_max_m: float, east_max_m: float) -> Window:
+        inner = self._scene.window(north_min_m - self._north_m, east_min_m, north_max_m - self._north_m, east_max_m)
+        return replace(inner, north_max_m=inner.north_max_m + self._north_m)
 
 
 def test_prediction_carries_on_and_leaves_the_filter_alone() -> None:

@@ -41,6 +41,7 @@ def _nominal() -> Nominal:
         attitude_bias_rad=np.array([0.01, 0.005, -0.02]),
         ground_biases_m=np.array([0.8, -0.5]),
         map_bias_ne_m=np.array([0.3, -0.4]),
+        map_offset_ne_m=np.array([7.0, -2.0]),
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
         keyframe=Clone(np.array([14.0, -2.0, -88.0]), q_from_euler(0.0, -1.5, 0.8)),
         structure_m=np.array([0.4, -1.5, 2.0]),
@@ -77,6 +78,7 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
             to.attitude_bias_rad - of.attitude_bias_rad,
             to.ground_biases_m - of.ground_biases_m,
             to.map_bias_ne_m - of.map_bias_ne_m,
+            to.map_offset_ne_m - of.map_offset_ne_m,
             to.clone.pos_ned_m - of.clone.pos_ned_m,
             _turn(to.clone.q_ned_from_camera, of.clone.q_ned_from_camera),
             to.keyframe.pos_ned_m - of.keyframe.pos_ned_m,
@@ -146,6 +148,32 @@ def test_innovation_that_is_not_finite_changes_nothing(part: int) -> None:
 
     assert not accepted
     assert np.isnan(nis)
+    assert_allclose(eskf.P, np.eye(FULL.size))
+    assert_allclose(eskf.nominal.motion.pos_ned_m, _nominal().motion.pos_ned_m)
+
+
+def test_a_learned_map_offset_moves_the_map_and_nothing_else() -> None:
+    root = np.random.default_rng(3).normal(size=(FULL.size, FULL.size))
+    eskf = _filter(root @ root.T)
+    before, P = eskf.nominal, eskf.P.copy()
+
+    eskf.learn_map_offset(np.array([3.0, 4.0]), 1.5)
+
+    rest = np.ones(FULL.size, dtype=bool)
+    rest[FULL.slices["map_offset"]] = False
+    assert_allclose(_difference(eskf.nominal, before)[~rest], [3.0, 4.0])
+    assert_allclose(_difference(eskf.nominal, before)[rest], 0.0, atol=1e-12)
+    assert_allclose(eskf.P[np.ix_(rest, rest)], P[np.ix_(rest, rest)])
+    assert_allclose(eskf.cov("map_offset"), 2.25 * np.eye(2))
+    assert_allclose(eskf.P[np.ix_(~rest, rest)], 0.0)
+
+
+def test_a_copy_goes_its_own_way() -> None:
+    eskf = _filter(np.eye(FULL.size))
+    other = eskf.copied()
+    other.inflate("position", 1.0)
+    other.predict_inertial(RATE, FORCE, 0.1)
+
     assert_allclose(eskf.P, np.eye(FULL.size))
     assert_allclose(eskf.nominal.motion.pos_ned_m, _nominal().motion.pos_ned_m)
 

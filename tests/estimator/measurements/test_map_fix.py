@@ -400,3 +400,34 @@ def test_refused_slices_live_on_with_their_headings() -> None:
     assert not second.accepted
     assert second.reason.startswith("ambiguous")
     assert 0.0 < fixer.lost_probability < 0.5
+
+
+def test_a_map_that_pictures_have_contradicted_gives_no_fix_until_it_is_begun_anew() -> None:
+    """The picture alone would be accepted; what stands against the map outweighs it, and can be dropped."""
+    rng = np.random.default_rng(4)
+    eskf, fixer = _filter(np.zeros(6)), _fixer()
+    fixer.evidence.against, fixer.evidence.log_odds = True, 6.0
+
+    refused = _attempt(fixer, eskf, _picture(rng))
+    believed = _attempt(_fixer(evidence=None), _filter(np.zeros(6)), _picture(rng))
+    fixer.begin_anew()
+    accepted = _attempt(fixer, eskf, _picture(rng), 0.4)
+
+    assert "contradict the map" in refused.reason
+    assert believed.accepted
+    assert accepted.accepted
+
+
+def test_the_search_reaches_as_far_as_it_is_told() -> None:
+    """A position 35 m off that is thought sure: out of sight, unless something else says how far to look."""
+    error = np.array([0.0, 35.0, 0.0, 0.0, 0.0, 0.0])
+    sure = {**STD, "position": (1.0, 1.0, 1.0)}
+    near, wide = _fixer(), _fixer()
+    wide.least_reach_m = 45.0
+    picture = _picture(np.random.default_rng(4))
+
+    missed, seen = (_attempt(fixer, _filter(error, std=sure), picture) for fixer in (near, wide))
+
+    assert np.hypot(missed.north_m - TRUE_POS[0], missed.east_m - TRUE_POS[1]) > 10.0
+    assert np.hypot(seen.north_m - TRUE_POS[0], seen.east_m - TRUE_POS[1]) < 4.0
+    assert seen.outlier_probability < missed.outlier_probability

@@ -1,0 +1,142 @@
+"""What the navigator notices of its own inputs, and what it does about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.integrity.displacement import DisplacementConfig, DisplacementWatch
+from estimator.integrity.picture import shows_ground
+from estimator.measurements.map_fix import MapFixer
+from estimator.types import Doubt, FixReport, Float, FrameSample, Image
+
+
+@dataclass(frozen=True, slots=True)
+class SelfWatchConfig:
+    """``enabled`` off takes every picture and doubts nothing.
+
+    ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
+    widened. After ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far
+    as a displaced map is looked for.
+    """
+
+    enabled: bool = True
+    displacement: DisplacementConfig = field(default_factory=DisplacementConfig)
+    contradiction_sigmas: float = 3.0
+    wide_after: int = 5
+    wide_reach_m: float = 40.0
+
+
+@dataclass(slots=True, eq=False)
+class _Learned:
+    """Where (2,) a map's displacement (2,) was learned, how much it changes a metre, and where that last counted."""
+
+    pos_ne_m: Float
+    displacement_ne_m: Float
+    std_m: float
+    last_ne_m: Float
+    by_place: float = 0.0
+
+
+class SelfWatch:
+    """Watches pictures and matches; says which doubts stand."""
+
+    def __init__(self, config: SelfWatchConfig) -> None:
+        self.config = config
+        self._blind = False
+        self._map_offset_m = 0.0
+        self._map_agreed = False
+        self._learned: _Learned | None = None
+        self._by_satellites = DisplacementWatch(config.displacement)
+        self._by_itself = DisplacementWatch(config.displacement)
+
+    def takes(self, image: Image) -> bool:
+        """Whether a grey picture (rows, cols) may be used: what seems to move in a blind one is noise, or a light."""
+        self._blind = self.config.enabled and not shows_ground(image)
+        return not self._blind
+
+    def attempt(
+        self, fixer: MapFixer, frame: FrameSample, eskf: ErrorStateFilter, by_satellites: bool,
+        fix: Callable[[], FixReport],
+    ) -> FixReport:  # fmt: skip
+        """Make a map fix and hold it against satellites, where there are, or against the estimate."""
+        wide = self.config.enabled and by_satellites and fixer.rejected_in_row >= self.config.wide_after
+        fixer.least_reach_m = self.config.wide_reach_m if wide else 0.0
+        pos_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
+        std_m = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+        report = fix()
+        if self.config.enabled:
+            self._forget_with_the_way(eskf, pos_ne_m)
+            displacement_ne_m = np.array([report.north_m, report.east_m]) - pos_ne_m
+            against = self._against_satellites if by_satellites else self._against_estimate
+            against(fixer, eskf, frame.t_us, pos_ne_m, displacement_ne_m, std_m)
+        return report
+
+    def _against_satellites(
+        self, fixer: MapFixer, eskf: ErrorStateFilter, t_us: int, pos_ne_m: Float, displacement_ne_m: Float,
+        std_m: float,
+    ) -> None:  # fmt: skip
+        """Learn how far the map as a whole is displaced.
+
+        Only of a map that has never agreed with satellites: where it has, what has moved may be the satellites'
+        position, and which of the two is for the operator to say.
+        """
+        standing = self._by_satellites.add(t_us, pos_ne_m, displacement_ne_m)
+        if standing is None:
+            return
+        far = standing.size_m > self.config.displacement.least_m
+        self._map_offset_m = standing.size_m if far else 0.0
+        if self._learned is not None:
+            self._learn_change(self._learned, eskf.nominal.map_offset_ne_m + standing.displacement_ne_m, pos_ne_m)
+        if not far:
+            self._map_agreed = True
+        elif not self._map_agreed and eskf.layout.has("map_offset"):
+            std_m = float(np.hypot(standing.std_m, std_m))
+            eskf.learn_map_offset(standing.displacement_ne_m, std_m)
+            if self._learned is None:
+                self._learned = _Learned(pos_ne_m, eskf.nominal.map_offset_ne_m, std_m, pos_ne_m)
+            self._by_satellites.forget()
+            fixer.begin_anew()
+
+    def _learn_change(self, learned: _Learned, displacement_ne_m: Float, pos_ne_m: Float) -> None:
+        """A map that is turned or stretched is displaced otherwise elsewhere: by how much a metre, beyond noise."""
+        way_m = float(np.hypot(*(pos_ne_m - learned.pos_ne_m)))
+        if way_m >= self.config.displacement.min_way_m:
+            changed_m = float(np.hypot(*(displacement_ne_m - learned.displacement_ne_m)))
+            learned.by_place = max(changed_m - 2.0 * learned.std_m, 0.0) / way_m
+
+    def _forget_with_the_way(self, eskf: ErrorStateFilter, pos_ne_m: Float) -> None:
+        """Let the learned displacement grow unsure with the way, by as much as it was seen to change."""
+        learned = self._learned
+        if learned is None:
+            return
+        grown_m = learned.by_place * float(np.hypot(*(pos_ne_m - learned.last_ne_m)))
+        std_m = float(np.sqrt(np.trace(eskf.cov("map_offset")) / 2.0))
+        # one and the same turn all along: standard deviations add, not variances
+        eskf.inflate("map_offset", grown_m * (2.0 * std_m + grown_m))
+        learned.last_ne_m = pos_ne_m
+
+    def _against_estimate(
+        self, fixer: MapFixer, eskf: ErrorStateFilter, t_us: int, pos_ne_m: Float, displacement_ne_m: Float,
+        std_m: float,
+    ) -> None:  # fmt: skip
+        """Doubt a position that matches over different ground contradict with one voice."""
+        standing = self._by_itself.add(t_us, pos_ne_m, displacement_ne_m)
+        least_m = max(self.config.displacement.least_m, self.config.contradiction_sigmas * std_m)
+        if standing is not None and standing.size_m > least_m:
+            eskf.inflate("position", standing.size_m**2)
+            self._by_itself.forget()
+            fixer.begin_anew()
+
+    def doubts(self, eskf: ErrorStateFilter, fixer: MapFixer | None) -> tuple[Doubt, ...]:
+        """Those that stand."""
+        learned_m = float(np.hypot(*eskf.nominal.map_offset_ne_m))
+        stand = {
+            Doubt.NO_TEXTURE: self._blind,
+            Doubt.MAP_MISMATCH: fixer is not None and fixer.evidence.against,
+            Doubt.MAP_OFFSET: max(self._map_offset_m, learned_m) > self.config.displacement.least_m,
+        }
+        return tuple(doubt for doubt, stands in stand.items() if stands)

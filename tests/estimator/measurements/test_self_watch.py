@@ -1,0 +1,156 @@
+"""What is noticed of the inputs, and what follows from it in the filter."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from estimator.filters.eskf import STATE_GROUPS, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.strapdown import EarthModel, Motion
+from estimator.integrity.map_evidence import MapEvidence
+from estimator.measurements.map_fix import MapFixer
+from estimator.measurements.self_watch import SelfWatch, SelfWatchConfig
+from estimator.types import Doubt, FixReport, FrameSample
+
+LAYOUT = Layout.of(STATE_GROUPS)
+SHIFT = np.array([14.0, -14.0])
+HEIGHT_M = 100.0
+STD_M = 2.0
+
+
+class Fixer:
+    """Stands for a map fixer: says what a test lets it say."""
+
+    def __init__(self) -> None:
+        self.rejected_in_row = 0
+        self.least_reach_m = 0.0
+        self.evidence = MapEvidence()
+        self.begun_anew = 0
+
+    def begin_anew(self) -> None:
+        self.begun_anew += 1
+
+
+def new_filter() -> ErrorStateFilter:
+    zero = np.zeros(3)
+    nominal = Nominal(Motion(zero, zero, np.array([1.0, 0.0, 0.0, 0.0])), zero, zero, 0.0, zero, zero)
+    sigma = np.full(LAYOUT.size, 0.1)
+    sigma[LAYOUT.slices["position"]] = STD_M
+    sigma[LAYOUT.slices["map_offset"]] = 0.0
+    return ErrorStateFilter(nominal, np.diag(sigma**2), LAYOUT, EarthModel.at(0.8, 300.0), ProcessNoise())
+
+
+def report(t_us: int, place_ne_m: np.ndarray) -> FixReport:
+    return FixReport(
+        t_us, 0, "registration", False, "", float(place_ne_m[0]), float(place_ne_m[1]), np.eye(2), 0.2, 0.1, 0.0,
+        0.0, 1.0,
+    )  # fmt: skip
+
+
+def fly(
+    watch: SelfWatch, eskf: ErrorStateFilter, displaced_ne_m: np.ndarray, *, by_satellites: bool, seconds: float = 14.0,
+    start_s: float = 0.0, fixer: Fixer | None = None,
+) -> tuple[Doubt, ...]:  # fmt: skip
+    """Go north at 10 m/s with a match every 0.4 s, each displaced by so much less what the filter has learned."""
+    stands_in = cast(MapFixer, fixer or Fixer())
+    for k in range(round(seconds / 0.4)):
+        t_us = round(1e6 * (start_s + 0.4 * k))
+        motion = replace(eskf.nominal.motion, pos_ned_m=np.array([10.0 * (start_s + 0.4 * k), 0.0, -HEIGHT_M]))
+        eskf.nominal = replace(eskf.nominal, motion=motion)
+        place = motion.pos_ned_m[:2] + displaced_ne_m - eskf.nominal.map_offset_ne_m
+        frame = FrameSample(t_us, k, np.zeros((2, 2), dtype=np.uint8))
+        found = report(t_us, place)
+        watch.attempt(stands_in, frame, eskf, by_satellites, lambda found=found: found)  # type: ignore[misc]
+    return watch.doubts(eskf, stands_in)
+
+
+def test_a_displaced_map_is_learned_while_there_are_satellites_and_told_for_good() -> None:
+    watch, eskf, fixer = SelfWatch(SelfWatchConfig()), new_filter(), Fixer()
+
+    doubts = fly(watch, eskf, SHIFT, by_satellites=True, fixer=fixer)
+
+    assert fixer.begun_anew == 1
+    assert doubts == (Doubt.MAP_OFFSET,)
+    assert_allclose(eskf.nominal.map_offset_ne_m, SHIFT, atol=0.1)
+    # as sure as the position that it was seen from, to begin with
+    assert_allclose(np.sqrt(np.diag(eskf.cov("map_offset"))), STD_M, rtol=0.05)
+    later = fly(watch, eskf, SHIFT, by_satellites=False, start_s=20.0)
+    assert later == (Doubt.MAP_OFFSET,)
+    assert_allclose(eskf.nominal.map_offset_ne_m, SHIFT, atol=0.1)
+
+
+@pytest.mark.parametrize(("by_place", "grows"), [(0.0, False), (0.1, True)])
+def test_a_displacement_that_changes_with_the_place_grows_unsure_with_the_way(by_place: float, grows: bool) -> None:
+    """Fault: a map turned by six degrees. Expected: what has been learned serves nearby, and ever less afar."""
+    watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
+    start, rate = np.array([14.0, 0.0]), np.array([0.0, by_place])
+    for second in range(0, 30, 2):
+        fly(watch, eskf, start + 10.0 * second * rate, by_satellites=True, seconds=2.0, start_s=float(second))
+    learned_m = np.sqrt(eskf.cov("map_offset")[0, 0])
+
+    fly(watch, eskf, eskf.nominal.map_offset_ne_m, by_satellites=False, start_s=30.0, seconds=20.0)
+
+    std_m = float(np.sqrt(eskf.cov("map_offset")[0, 0]))
+    # 200 m on by six hundredths to a tenth a metre: some of the change is taken for noise
+    assert (12.0 < std_m - learned_m < 21.0) if grows else (std_m == pytest.approx(learned_m))
+
+
+def test_a_map_that_has_agreed_is_not_moved_after_satellites_that_wander_off() -> None:
+    """Fault: satellites are dragged away by 20 m after the map had agreed with them. Expected: alarm, map unmoved."""
+    watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
+    assert fly(watch, eskf, np.zeros(2), by_satellites=True) == ()
+
+    doubts = fly(watch, eskf, SHIFT, by_satellites=True, start_s=20.0)
+
+    assert doubts == (Doubt.MAP_OFFSET,)
+    assert_allclose(eskf.nominal.map_offset_ne_m, 0.0)
+    assert fly(watch, eskf, np.zeros(2), by_satellites=True, start_s=40.0) == ()
+
+
+@pytest.mark.parametrize(("std_m", "widened"), [(2.0, True), (10.0, False)])
+def test_without_satellites_matches_that_contradict_the_estimate_with_one_voice_widen_it(
+    std_m: float, widened: bool
+) -> None:
+    watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
+    eskf.inflate("position", std_m**2 - STD_M**2)
+
+    fly(watch, eskf, SHIFT, by_satellites=False)
+
+    std_after_m = float(np.sqrt(eskf.cov("position")[0, 0]))
+    assert std_after_m == pytest.approx(np.hypot(std_m, np.hypot(*SHIFT)) if widened else std_m, rel=0.01)
+    assert_allclose(eskf.nominal.map_offset_ne_m, 0.0)
+
+
+def test_under_satellites_refusals_widen_the_search() -> None:
+    fixer = Fixer()
+    watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
+    reaches = []
+    for rejected, by_satellites in ((0, True), (5, True), (5, False)):
+        fixer.rejected_in_row = rejected
+        fly(watch, eskf, np.zeros(2), by_satellites=by_satellites, seconds=0.4, fixer=fixer)
+        reaches.append(fixer.least_reach_m)
+
+    assert reaches == [0.0, SelfWatchConfig().wide_reach_m, 0.0]
+
+
+def test_switched_off_it_takes_everything_and_doubts_nothing() -> None:
+    watch, eskf = SelfWatch(SelfWatchConfig(enabled=False)), new_filter()
+    P = eskf.P.copy()
+
+    assert watch.takes(np.zeros((48, 64), dtype=np.uint8))
+    assert fly(watch, eskf, SHIFT, by_satellites=True) == ()
+    assert_allclose(eskf.P, P)
+
+
+def test_a_blind_picture_and_a_contradicted_map_are_told() -> None:
+    fixer = Fixer()
+    watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
+    assert not watch.takes(np.full((48, 64), 9, dtype=np.uint8))
+    fixer.evidence.against = True
+
+    assert watch.doubts(eskf, cast(MapFixer, fixer)) == (Doubt.NO_TEXTURE, Doubt.MAP_MISMATCH)
+    assert watch.doubts(eskf, None) == (Doubt.NO_TEXTURE,)
