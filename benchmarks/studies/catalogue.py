@@ -11,24 +11,25 @@ import numpy as np
 
 from benchmarks.studies.altitude import hover
 from benchmarks.studies.odometry_noise import translation_noise
+from benchmarks.studies.robustness import degraded, sensors
+from benchmarks.studies.scenarios import PICTURES, flight
 from benchmarks.studies.study import Column, ComputedRow, FlownRow, Study
 from estimator.filters.initialise import InitialGuess
 from estimator.measurements.map_fix import Acceptance, HandOver, MapFixConfig
 from estimator.measurements.picture_to_picture import OdometryConfig
+from estimator.measurements.self_watch import SelfWatchConfig
 from estimator.navigator import NavigatorConfig
 from estimator.odometry.odometers import ODOMETERS
 from estimator.odometry.tracker import TrackerConfig
 from estimator.registration.alignment import COMPARED, HeadingSource, MatcherConfig
 from estimator.registration.calibration import calibration_of
 from estimator.registration.likelihood import LikelihoodForm
-from simulator.scenario import CameraSection, FlightSection, Scenario
+from simulator.scenario import FlightSection, Scenario
 
 GROUPS_2009 = ("position", "velocity", "attitude", "accelerometer_bias", "clone_position", "clone_rotation")
 STRUCTURE = ("keyframe_position", "keyframe_rotation", "structure")
 GROUPS_WITHOUT_STRUCTURE = tuple(group for group in NavigatorConfig().groups if group not in STRUCTURE)
-REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas")
-# the odometry takes a picture every 0.25 s and the thesis sampled its video at 4 Hz: more would only take time
-PICTURES = CameraSection(frames_per_s=8.0)
+REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas", "evidence")
 NAVIGATION = (
     Column("rms, m", "rms_m"),
     Column("95 %, m", "p95_m"),
@@ -48,15 +49,6 @@ MEANING = (
 )
 
 
-def flight(short: bool, name: str = "study", flying: FlightSection | None = None, gps_s: float = 25.0) -> Scenario:
-    """The demo's helicopter on a shorter flight: ``gps_s`` with GPS, then 120 s (60 s in short) without."""
-    denied_s = 60.0 if short else 120.0
-    return Scenario(
-        name=name, duration_s=gps_s + denied_s + 2.0, gps_denied_s=((gps_s, gps_s + denied_s),), camera=PICTURES,
-        flight=flying or FlightSection(),
-    )  # fmt: skip
-
-
 def baseline() -> NavigatorConfig:
     """The system of 2009 as far as it can be set up here: grey values, the correlation as a density, 12 states.
 
@@ -73,8 +65,9 @@ def baseline() -> NavigatorConfig:
         map_fix=MapFixConfig(
             hand_over=HandOver.DENSITY, couple_attitude=False, temper=False, search_pose=False, use_windows=False,
             max_outlier_probability=1.0, min_unimodality=0.0, max_lost_probability=1.0,
-            max_innovation_sigmas=float("inf"),
+            max_innovation_sigmas=float("inf"), evidence=None,
         ),
+        watch=SelfWatchConfig(enabled=False),
     )  # fmt: skip
 
 
@@ -108,6 +101,7 @@ def rungs() -> list[tuple[str, str, NavigatorConfig]]:
     step("+ tempering", "fixes from the same place count less", **fix(temper=True))
     tests = {name: getattr(default.map_fix, name) for name in REFUSALS}
     step("+ refusals", "weak, ambiguous and contradicting pictures are refused", **fix(**tests))
+    step("+ self-doubt", "blind pictures are left out, a contradicted position is widened", watch=default.watch)
     step("+ windows (default)", "windows that agree give the whole pose", **fix(use_windows=True))
     return found
 
@@ -296,5 +290,7 @@ STUDIES: dict[str, Callable[[bool], Study]] = {
     "experiment-2008": experiment_2008,
     "altitude": altitude,
     "odometry-noise": odometry_noise,
+    "degraded": degraded,
+    "sensors": sensors,
 }
 """Studies by name: called with whether they are to be short."""

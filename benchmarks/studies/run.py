@@ -19,11 +19,13 @@ import cv2
 import numpy as np
 
 from backend.errors import StationError
-from backend.replay.offline import ReplayOptions, errors_against_truth, replay_flight
+from backend.replay.offline import ReplayOptions, TruthErrors, errors_against_truth, replay_flight
+from benchmarks.studies.degraded import Degrader
 from benchmarks.studies.figures import Scored, drift, drift_figures, navigation_figures, pooled, scored
 from benchmarks.studies.flights import ESTIMATOR_SOURCES, SIMULATOR_SOURCES, flown, source_digest
+from benchmarks.studies.series import Series, series_figures
 from benchmarks.studies.study import ComputedRow, FlownRow, Row, Study
-from estimator.types import Float, Mode
+from estimator.types import Float, Mode, NavigationState
 from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
@@ -36,6 +38,7 @@ class Outcome:
 
     values: dict[str, float] | None = None
     scored: Scored | None = None
+    series: Series | None = None
     drift: dict[float, Float] | None = None
     fixes: int = 0
     accepted: int = 0
@@ -101,6 +104,8 @@ class _Task:
         if isinstance(row, FlownRow):
             about |= {"scenario": row.scenario.model_dump(), "config": asdict(row.config)}
             about["segments"] = self.study.segments_m
+            if row.degrade is not None:
+                about["degrade"] = asdict(row.degrade)
         else:
             about |= {"study": self.study.name, "row": row.name}
         key = hashlib.sha256(json.dumps(about, sort_keys=True, default=str).encode()).hexdigest()[:20]
@@ -153,17 +158,20 @@ def _outcome(task: _Task) -> Outcome:
     if isinstance(row, ComputedRow):
         outcome = Outcome(values=row.compute(task.seed))
     else:
-        outcome = _replayed(row, flown(row.scenario, task.seed, task.cache, task.digest[1]), task.study.segments_m)
+        flight = flown(row.scenario, task.seed, task.cache, task.digest[1])
+        outcome = _replayed(row, flight, task.seed, task.study.segments_m)
     task.keep(outcome)
     return outcome
 
 
-def _replayed(row: FlownRow, flight: Path, segments_m: Sequence[float]) -> Outcome:
+def _replayed(row: FlownRow, flight: Path, seed: int, segments_m: Sequence[float]) -> Outcome:
     cv2.setNumThreads(1)
     folder = FlightFolder.open(flight)
+    denied_us = folder.meta.gps_denied[0][0] if folder.meta.gps_denied else folder.telemetry_span()[0]
+    degrader = None if row.degrade is None else Degrader(row.degrade, denied_us, seed)
     with tempfile.TemporaryDirectory(prefix="pilotage-study-") as scratch:
         try:
-            result = replay_flight(folder, Path(scratch), options=ReplayOptions(config=row.config))
+            result = replay_flight(folder, Path(scratch), options=ReplayOptions(config=row.config, alteration=degrader))
         except (StationError, GeodataError) as error:
             return Outcome(failure=str(error))
         except np.linalg.LinAlgError as error:
@@ -176,17 +184,28 @@ def _replayed(row: FlownRow, flight: Path, segments_m: Sequence[float]) -> Outco
         inside |= (errors.t_us >= start_us) & (errors.t_us <= end_us)
     if inside.sum() < 2:
         return Outcome(failure="no state while GPS was denied")
-    modes = {state.t_us: state.mode in VALID_MODES for state in result.states}
-    valid = np.array([modes[int(t)] for t in errors.t_us[inside]], dtype=np.float64)
+    by_time = {state.t_us: state for state in result.states}
+    states = [by_time[int(t)] for t in errors.t_us]
+    valid = np.array([state.mode in VALID_MODES for state in states], dtype=np.float64)[inside]
     error_ne_m, heading = errors.error_ned_m[inside, :2], errors.heading_error_rad[inside]
     return Outcome(
         scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid, heading),
+        series=None if degrader is None else _series(errors, states, denied_us, degrader),
         drift=drift(errors.true_ned_m[inside, :2], error_ne_m, heading, segments_m) if segments_m else None,
         fixes=len(result.fixes),
         accepted=sum(fix.accepted for fix in result.fixes),
         fix_ms=sum(fix.elapsed_ms for fix in result.fixes),
         real_time=float(result.report["timing"]["times_real_time"]),
     )
+
+
+def _series(errors: TruthErrors, states: Sequence[NavigationState], denied_us: int, degrader: Degrader) -> Series:
+    every = scored(errors.error_ned_m[:, :2], errors.cov_ne_m2, np.ones(len(states)), errors.heading_error_rad)
+    return Series(
+        (errors.t_us - denied_us) / 1e6, np.hypot(*errors.error_ned_m[:, :2].T), np.sqrt(every.nees),
+        tuple(state.mode for state in states), tuple(state.doubts for state in states),
+        degrader.frozen_at(errors.t_us),
+    )  # fmt: skip
 
 
 def _result(row: Row, by_seed: dict[int, Outcome]) -> Result:
@@ -205,6 +224,10 @@ def _result(row: Row, by_seed: dict[int, Outcome]) -> Result:
             figures["accepted"] = sum(outcome.accepted for outcome in good) / fixes
             figures["fix_ms"] = sum(outcome.fix_ms for outcome in good) / fixes
         figures |= drift_figures([outcome.drift for outcome in good if outcome.drift is not None])
+        series = [outcome.series for outcome in good if outcome.series is not None]
+        if isinstance(row, FlownRow) and row.degrade is not None and series:
+            start_s, end_s = row.scenario.gps_denied_s[0] if row.scenario.gps_denied_s else (0.0, np.inf)
+            figures |= series_figures(series, row.degrade.stretch_s, end_s - start_s)
         figures["rms_by_seed_m"] = {
             seed: round(float(np.sqrt((outcome.scored.error_ne_m**2).sum(axis=1).mean())), 3)
             for seed, outcome in by_seed.items()

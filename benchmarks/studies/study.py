@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from benchmarks.studies.degraded import Degradation
 from estimator.navigator import NavigatorConfig
 from simulator.scenario import Scenario
 
@@ -15,13 +16,15 @@ from simulator.scenario import Scenario
 class FlownRow:
     """A row that flies: a simulated scenario, and the estimator's configuration that replays it.
 
-    ``change`` says in words what differs from the row before.
+    ``change`` says in words what differs from the row before. With ``degrade`` the estimator is given that instead of
+    what was recorded.
     """
 
     name: str
     change: str
     scenario: Scenario
     config: NavigatorConfig
+    degrade: Degradation | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +49,10 @@ class Column:
     percent: bool = False
 
     def cell(self, figures: dict[str, Any]) -> str:
-        """The figure as text; a dash where it was not measured."""
+        """The figure as text, or the text that it is; a dash where it was not measured."""
         value = figures.get(self.figure)
+        if isinstance(value, str):
+            return value
         if value is None or not math.isfinite(value):
             return "–"
         return f"{100.0 * value:.{self.digits}f} %" if self.percent else f"{value:.{self.digits}f}"

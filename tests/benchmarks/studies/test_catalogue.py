@@ -21,7 +21,7 @@ def test_every_study_can_be_built_and_its_rows_differ(name: str, short: bool) ->
     assert study.name == name
     names = [row.name for row in study.rows]
     assert len(set(names)) == len(names) >= 3
-    flown = [f"{row.scenario} {row.config}" for row in study.rows if isinstance(row, FlownRow)]
+    flown = [f"{row.scenario} {row.config} {row.degrade}" for row in study.rows if isinstance(row, FlownRow)]
     assert len(set(flown)) == len(flown)
     assert all("|" not in row.name + row.change for row in study.rows), "a bar would break the table"
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.studies.catalogue import NAVIGATION
+from benchmarks.studies.degraded import Degradation, PictureFault
 from benchmarks.studies.flights import flown, source_digest
 from benchmarks.studies.run import run_study
 from benchmarks.studies.study import Column, ComputedRow, FlownRow, Study
@@ -70,6 +71,34 @@ def test_flights_are_flown_replayed_and_tabulated(cache: Path, tmp_path: Path) -
     resumed = run_study(FLOWN, [7], cache, 1, True, again.append)
     assert [r.figures["rms_m"] for r in resumed] == [with_map.figures["rms_m"], without.figures["rms_m"]]
     assert again == [f"2 of 2 outcomes taken from {cache}"]
+
+
+def test_a_degraded_row_is_given_other_input_and_has_an_outcome_of_its_own(cache: Path, tmp_path: Path) -> None:
+    """The same flight and configuration: by night from its first half second without GPS there are fewer fixes."""
+    row = FLOWN.rows[0]
+    assert isinstance(row, FlownRow)
+    rows = tuple(
+        replace(row, name=name, degrade=degrade)
+        for name, degrade in (
+            ("as flown", Degradation((0.5, 9.0))),
+            ("night", Degradation((0.5, 9.0), picture=PictureFault.NIGHT)),
+        )
+    )
+    study = replace(FLOWN, rows=rows, columns=(Column("alarms", "alarms"), Column("before", "before")), segments_m=())
+    clear, night = run_study(study, [7], cache, 1, False, lambda _: None)
+
+    assert clear.failures == night.failures == {}
+    assert "no_texture" in night.figures["alarms"]
+    assert "no_texture" not in clear.figures["alarms"]
+    assert night.figures["fixes"] < clear.figures["fixes"]
+    assert night.figures["rms_during_m"] > 0.0
+    assert (
+        f"| night | as it is | {night.figures['alarms']} |"
+        in write_results(study, [clear, night], "c", [7], tmp_path).read_text()
+    )
+    again: list[str] = []
+    resumed = run_study(study, [7], cache, 1, True, again.append)
+    assert [r.figures["alarms"] for r in resumed] == [clear.figures["alarms"], night.figures["alarms"]]
 
 
 def test_a_whole_flight_in_the_cache_is_not_flown_again(cache: Path) -> None:
