@@ -136,19 +136,29 @@ class Contenders:
         self._seen.append(seen)
 
     def propose(self, places: Sequence[Place], searched: Searched, centre_m: complex) -> None:
-        """Take the places that a search found for its mosaic's centre; those who promise nothing make room."""
-        promising = [one for one in self.left if one.log_ratio >= self.config.promising_log_ratio]
-        promising.sort(key=lambda one: -one.log_ratio)
-        self.left = promising[: self.config.max_promising]
+        """Take the places that a search found for its mosaic's centre; those who promise nothing make room.
+
+        A place is a hypothesis of its own even where one is followed already: that may have drifted, and the search
+        says where it really is. Of such neighbours the better is left by the next search.
+        """
+        self.left = self._promising(centre_m)
         height_m, alt_m = self.heights(searched.first, searched.last)
-        known = len(self.left)
         for place, log_prior in zip(places, log_priors(len(places)), strict=True):
             ne = complex(place.centre_ne_m[0], place.centre_ne_m[1])
-            if any(self._at(one.ahead, centre_m, ne, place.heading_rad) for one in self.left[:known]):
-                continue
             what = Slice(place.heading_rad, place.scale)
             fit = first_fit(ne, what, (centre_m, height_m, alt_m), self._ground, self.config.follow)
             self.left.append(Contender(searched, fit, fit, searched.last + 1, searched.first - 1, log_prior))
+
+    def _promising(self, mosaic_m: complex) -> list[Contender]:
+        """Those worth keeping, the best first, and of several that put a place of the mosaic alike only the best."""
+        kept: list[Contender] = []
+        for one in sorted(self.left, key=lambda one: -one.log_ratio):
+            if one.log_ratio < self.config.promising_log_ratio or len(kept) == self.config.max_promising:
+                break
+            ne_m, turn_rad = one.ahead.ne_m(mosaic_m), one.ahead.turn_rad
+            if not any(self._at(better.ahead, mosaic_m, ne_m, turn_rad) for better in kept):
+                kept.append(one)
+        return kept
 
     def _at(self, fit: Fit, mosaic_m: complex, ne_m: complex, turn_rad: float) -> bool:
         """Whether a fit puts a place of the mosaic there, turned like that."""

@@ -107,14 +107,44 @@ def test_the_refuted_and_those_off_the_map_are_dropped(says: dict[str, float | N
     assert contest.best is None
 
 
-def test_a_new_search_keeps_who_promises_and_does_not_double_it(says: dict[str, float | None]) -> None:
+def test_a_new_search_keeps_who_promises(says: dict[str, float | None]) -> None:
     says["there"] = -1.0
     contest = _contest(4)
     _settle(contest)
     before = contest.best
     contest.propose([HERE, THERE], Searched(_seen(2).fresh, 2, 3), 0.0j)
     assert before in contest.left
+    # and THERE, which promised nothing, only as it is found anew
+    assert len(contest.left) == 3
+
+
+def test_one_that_has_drifted_does_not_keep_out_what_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """
+    Fault: a hypothesis follows a scale that is wrong and lies 25 m off when a search finds its place again.
+    Expected: the place found is a hypothesis too, and the one that is left when ground speaks for it.
+    """
+    found = complex(*HERE.centre_ne_m)
+
+    def followed(fit: Fit, *_: object) -> tuple[Fit, float]:
+        return fit, 4.0 if abs(fit.anchor_ne_m - found) < 5.0 else 1.5
+
+    monkeypatch.setattr(contenders, "followed", followed)
+    monkeypatch.setattr(contenders, "piece_of", lambda *_: _seen(0).piece)
+    contest = Contenders(MATCHER, lambda _: 240.0, SEARCH, CONFIG)
+    for number in range(5):
+        contest.see(_seen(number))
+    drifted = Place(HERE.centre_ne_m + 15.0 * np.sqrt(2.0), HERE.heading_rad, 1.1, 7.0)
+    contest.propose([drifted], Searched(_seen(0).fresh, 0, 1), 0.0j)
+    _settle(contest)
+    contest.propose([HERE], Searched(_seen(4).fresh, 3, 4), 0.0j)
     assert len(contest.left) == 2
+    _settle(contest)
+    best = contest.accepted(0.0j)
+    assert best is not None
+    assert best.ahead.anchor_ne_m == pytest.approx(found)
+    contest.propose([THERE], Searched(_seen(4).fresh, 3, 4), 0.0j)
+    assert [one.ahead.turn_rad for one in contest.left] == pytest.approx([HERE.heading_rad, THERE.heading_rad])
+    assert contest.left[0] is best
 
 
 def test_ranks_are_a_likelihood_ratio() -> None:
