@@ -32,6 +32,7 @@ DEAD_RECKONING = AlarmKind("dead_reckoning", "caution", 3.0, 2.0)
 NO_TEXTURE = AlarmKind("no_texture", "caution", 1.0, 3.0)
 MAP_MISMATCH = AlarmKind("map_mismatch", "caution", 1.0, 5.0)
 MAP_OFFSET = AlarmKind("map_offset", "caution", 1.0, 5.0)
+BAROMETER_DRIFT = AlarmKind("barometer_drift", "caution", 1.0, 2.0)
 DISK_LOW = AlarmKind("disk_low", "caution", 0.0, 30.0)
 RECORDING_FAILED = AlarmKind("recording_failed", "warning", 0.0, 10.0)
 
@@ -67,6 +68,10 @@ def estimator_checks(
         (
             MAP_OFFSET, Doubt.MAP_OFFSET in doubts,
             "the map and GPS disagree by a steady distance: one of them is displaced",
+        ),
+        (
+            BAROMETER_DRIFT, Doubt.BAROMETER_DRIFT in doubts,
+            "pressure says another climb than the pictures: a drifting barometer; height is held by the pictures",
         ),
     )  # fmt: skip
     return tuple((kind, condition, f"vehicle {vehicle_id}: {text}") for kind, condition, text in said)

@@ -377,6 +377,7 @@ class Navigator:
         if self._eskf is not None and self._due("barometer", sample.t_us, self.config.barometer_interval_s):
             std = self.config.barometer_std_m
             innovation = barometer.pressure_altitude(self._eskf, sample.pressure_alt_m, self.frame.alt_m, std)
+            self._watch.pressure(sample.t_us, innovation, self._eskf)
             self._apply("barometer", innovation, gate_sigmas=8.0)
 
     def _fuse_gnss(self, sample: GnssSample) -> None:

@@ -29,12 +29,14 @@ class Doubt(StrEnum):
     """What the estimator has noticed of its inputs that an operator should know.
 
     ``no_texture``: pictures show too little to navigate by. ``map_mismatch``: those of different places together do not
-    fit the map. ``map_offset``: map and satellites disagree by a steady distance.
+    fit the map. ``map_offset``: map and satellites disagree by a steady distance. ``barometer_drift``: pressure keeps
+    saying another climb than the pictures.
     """
 
     NO_TEXTURE = "no_texture"
     MAP_MISMATCH = "map_mismatch"
     MAP_OFFSET = "map_offset"
+    BAROMETER_DRIFT = "barometer_drift"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,6 +34,7 @@ NAVIGATION = (
     Column("rms, m", "rms_m"),
     Column("95 %, m", "p95_m"),
     Column("available", "availability", 1, percent=True),
+    Column("by vision", "by_vision", 0, percent=True),
     Column("> 5 sigma", "wrong", 2, percent=True),
     Column("NEES / dof", "nees_per_dof"),
     Column("inside 50 %", "inside_50", 0, percent=True),
@@ -43,7 +44,8 @@ NAVIGATION = (
     Column("ms a fix", "fix_ms", 1),
 )
 MEANING = (
-    "Errors are horizontal, unaligned, while GPS is denied. Available: mode `vision` and within 10 m. "
+    "Errors are horizontal, unaligned, while GPS is denied. Available: declared valid (not lost, its own 95 % ellipse "
+    "within 10 m) and within 10 m. By vision: share of mode `vision`, a fix within six seconds. "
     "More than 5 sigma: share of states whose normalised error exceeds five. Inside: share of states within the stated "
     "50, 90 and 95 % ellipses."
 )

@@ -17,27 +17,39 @@ from estimator.types import Float
 
 WITHIN_M = 10.0
 WRONG_SIGMAS = 5.0
+CHI2_95 = float(-2.0 * np.log(0.05))
+"""The 95 % quantile of a chi-square with two degrees of freedom."""
 REGIONS = (0.5, 0.9, 0.95)
 SEGMENT_STEP_M = 10.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scored:
-    """The scored states of one replay: errors (n, 2), normalised squares (n,), declared valid (n,), heading (n,)."""
+    """The scored states of one replay: errors (n, 2), normalised squares (n,), declared valid (n,), heading (n,).
+
+    ``by_vision`` (n,) is whether the mode says that a fix is recent.
+    """
 
     error_ne_m: Float
     nees: Float
     valid: Float
     heading_error_rad: Float
+    by_vision: Float
 
 
-def scored(error_ne_m: Float, cov_ne_m2: Float, valid: Float, heading_error_rad: Float) -> Scored:
-    """Errors (n, 2) with their covariances (n, 2, 2); a singular covariance counts as infinitely sure."""
+def scored(
+    error_ne_m: Float, cov_ne_m2: Float, valid: Float, heading_error_rad: Float, by_vision: Float | None = None
+) -> Scored:
+    """Errors (n, 2) with their covariances (n, 2, 2); a singular covariance counts as infinitely sure.
+
+    ``by_vision`` is as ``valid`` unless said.
+    """
     nees = np.full(len(error_ne_m), np.inf)
     regular = np.linalg.det(cov_ne_m2) > 0.0
     error = error_ne_m[regular]
     nees[regular] = np.einsum("ni,nij,nj->n", error, np.linalg.inv(cov_ne_m2[regular]), error)
-    return Scored(error_ne_m, nees, np.asarray(valid, dtype=np.float64), heading_error_rad)
+    valid = np.asarray(valid, dtype=np.float64)
+    return Scored(error_ne_m, nees, valid, heading_error_rad, valid if by_vision is None else by_vision)
 
 
 def navigation_figures(runs: Sequence[Scored]) -> dict[str, Any]:
@@ -57,6 +69,7 @@ def navigation_figures(runs: Sequence[Scored]) -> dict[str, Any]:
         "worst_rms_m": float(max(rms)),
         "availability": float((valid & (error <= WITHIN_M)).mean()),
         "declared_valid": float(valid.mean()),
+        "by_vision": float(np.concatenate([run.by_vision for run in runs]).mean()),
         "wrong": float((np.sqrt(nees) > WRONG_SIGMAS).mean()),
         "nees_per_dof": float(nees.mean() / 2.0),
         "heading_rms_deg": _late_rms_deg(runs),

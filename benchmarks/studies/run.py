@@ -21,7 +21,7 @@ import numpy as np
 from backend.errors import StationError
 from backend.replay.offline import ReplayOptions, TruthErrors, errors_against_truth, replay_flight
 from benchmarks.studies.degraded import Degrader
-from benchmarks.studies.figures import Scored, drift, drift_figures, navigation_figures, pooled, scored
+from benchmarks.studies.figures import CHI2_95, Scored, drift, drift_figures, navigation_figures, pooled, scored
 from benchmarks.studies.flights import ESTIMATOR_SOURCES, SIMULATOR_SOURCES, flown, source_digest
 from benchmarks.studies.series import Series, series_figures
 from benchmarks.studies.study import ComputedRow, FlownRow, Row, Study
@@ -29,7 +29,8 @@ from estimator.types import Float, Mode, NavigationState
 from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
-VALID_MODES = (Mode.GPS, Mode.VISION)
+VALID_WITHIN_M = 10.0
+"""A state declares its position valid when it is not lost and its own 95 % ellipse reaches no farther than this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,10 +187,11 @@ def _replayed(row: FlownRow, flight: Path, seed: int, segments_m: Sequence[float
         return Outcome(failure="no state while GPS was denied")
     by_time = {state.t_us: state for state in result.states}
     states = [by_time[int(t)] for t in errors.t_us]
-    valid = np.array([state.mode in VALID_MODES for state in states], dtype=np.float64)[inside]
+    valid = np.array([_declared_valid(state) for state in states], dtype=np.float64)[inside]
+    by_vision = np.array([state.mode in (Mode.GPS, Mode.VISION) for state in states], dtype=np.float64)[inside]
     error_ne_m, heading = errors.error_ned_m[inside, :2], errors.heading_error_rad[inside]
     return Outcome(
-        scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid, heading),
+        scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid, heading, by_vision),
         series=None if degrader is None else _series(errors, states, denied_us, degrader),
         drift=drift(errors.true_ned_m[inside, :2], error_ne_m, heading, segments_m) if segments_m else None,
         fixes=len(result.fixes),
@@ -197,6 +199,11 @@ def _replayed(row: FlownRow, flight: Path, seed: int, segments_m: Sequence[float
         fix_ms=sum(fix.elapsed_ms for fix in result.fixes),
         real_time=float(result.report["timing"]["times_real_time"]),
     )
+
+
+def _declared_valid(state: NavigationState) -> bool:
+    largest_m2 = float(np.linalg.eigvalsh(state.cov_pos_ned_m2[:2, :2])[-1])
+    return state.mode is not Mode.LOST and bool(np.sqrt(CHI2_95 * largest_m2) <= VALID_WITHIN_M)
 
 
 def _series(errors: TruthErrors, states: Sequence[NavigationState], denied_us: int, degrader: Degrader) -> Series:

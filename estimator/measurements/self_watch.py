@@ -10,6 +10,8 @@ import numpy as np
 from estimator.filters.eskf import ErrorStateFilter
 from estimator.integrity.displacement import DisplacementConfig, DisplacementWatch
 from estimator.integrity.picture import shows_ground
+from estimator.integrity.steady import SteadyConfig, SteadyInnovations
+from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
 from estimator.types import Doubt, FixReport, Float, FrameSample, Image
 
@@ -25,6 +27,8 @@ class SelfWatchConfig:
 
     enabled: bool = True
     displacement: DisplacementConfig = field(default_factory=DisplacementConfig)
+    steady: SteadyConfig = field(default_factory=SteadyConfig)
+    pressure_gain: float = 5.0
     contradiction_sigmas: float = 3.0
     wide_after: int = 5
     wide_reach_m: float = 40.0
@@ -52,11 +56,22 @@ class SelfWatch:
         self._learned: _Learned | None = None
         self._by_satellites = DisplacementWatch(config.displacement)
         self._by_itself = DisplacementWatch(config.displacement)
+        self._pressure = SteadyInnovations(config.steady)
+        self._t_us = 0
 
     def takes(self, image: Image) -> bool:
         """Whether a grey picture (rows, cols) may be used: what seems to move in a blind one is noise, or a light."""
         self._blind = self.config.enabled and not shows_ground(image)
         return not self._blind
+
+    def pressure(self, t_us: int, innovation: Innovation, eskf: ErrorStateFilter) -> None:
+        """Let the barometer's zero follow where its readings keep to one side of what the pictures say of the climb."""
+        self._t_us = t_us
+        std_m = float(np.sqrt((innovation.H @ eskf.P @ innovation.H.T + innovation.R)[0, 0]))
+        mean_m = self._pressure.note(t_us, float(innovation.z[0]), std_m)
+        if self.config.enabled and mean_m != 0.0 and eskf.layout.has("barometer_bias"):
+            # what the zero lags behind it is to make up at once: its usual wandering would take minutes
+            eskf.inflate("barometer_bias", (self.config.pressure_gain * mean_m) ** 2)
 
     def attempt(
         self, fixer: MapFixer, frame: FrameSample, eskf: ErrorStateFilter, by_satellites: bool,
@@ -138,5 +153,6 @@ class SelfWatch:
             Doubt.NO_TEXTURE: self._blind,
             Doubt.MAP_MISMATCH: fixer is not None and fixer.evidence.against,
             Doubt.MAP_OFFSET: max(self._map_offset_m, learned_m) > self.config.displacement.least_m,
+            Doubt.BAROMETER_DRIFT: self.config.enabled and self._pressure.stands(self._t_us),
         }
         return tuple(doubt for doubt, stands in stand.items() if stands)

@@ -86,3 +86,13 @@ def test_figures_of_seeds_are_averaged_with_their_standard_error() -> None:
 def test_nothing_to_score_is_an_error() -> None:
     with pytest.raises(ValueError, match="no replay"):
         navigation_figures([])
+
+
+def test_valid_and_by_vision_are_told_apart() -> None:
+    error = np.array([[1.0, 0.0], [0.0, 12.0], [2.0, 0.0], [0.0, 1.0]])
+    covariances = np.tile(np.eye(2), (4, 1, 1))
+    by_vision = np.array([1.0, 1.0, 0.0, 1.0])
+    figures = navigation_figures([scored(error, covariances, np.array([1.0, 1.0, 1.0, 0.0]), np.zeros(4), by_vision)])
+    assert figures["declared_valid"] == pytest.approx(0.75)
+    assert figures["availability"] == pytest.approx(0.5)
+    assert figures["by_vision"] == pytest.approx(0.75)

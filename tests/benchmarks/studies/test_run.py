@@ -56,7 +56,7 @@ def test_flights_are_flown_replayed_and_tabulated(cache: Path, tmp_path: Path) -
     assert 15 <= with_map.figures["states"] <= 55
     # a metre or two of GPS carried on for five seconds
     assert 0.0 < without.figures["rms_m"] < 8.0
-    assert without.figures["availability"] < with_map.figures["availability"]
+    assert without.figures["by_vision"] < with_map.figures["by_vision"]
     assert "drift_20_m" in without.figures
 
     page = write_results(FLOWN, [with_map, without], "the command", [7], tmp_path)

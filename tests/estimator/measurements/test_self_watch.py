@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from estimator.filters.eskf import STATE_GROUPS, ErrorStateFilter, Layout, Nominal, ProcessNoise
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.integrity.map_evidence import MapEvidence
+from estimator.measurements.barometer import pressure_altitude
 from estimator.measurements.map_fix import MapFixer
 from estimator.measurements.self_watch import SelfWatch, SelfWatchConfig
 from estimator.types import Doubt, FixReport, FrameSample
@@ -154,3 +155,20 @@ def test_a_blind_picture_and_a_contradicted_map_are_told() -> None:
 
     assert watch.doubts(eskf, cast(MapFixer, fixer)) == (Doubt.NO_TEXTURE, Doubt.MAP_MISMATCH)
     assert watch.doubts(eskf, None) == (Doubt.NO_TEXTURE,)
+
+
+def test_a_barometer_that_keeps_to_one_side_is_let_go_and_doubted() -> None:
+    """The zero's variance grows only where readings do; one on both sides changes nothing."""
+    where = LAYOUT.slices["barometer_bias"]
+    grown = {}
+    for name, innovations in (("steady", np.full(60, 1.5)), ("both sides", np.tile([1.5, -1.5], 30))):
+        eskf = new_filter()
+        before = eskf.P[where, where][0, 0]
+        watch = SelfWatch(SelfWatchConfig())
+        for k, z in enumerate(innovations):
+            innovation = replace(pressure_altitude(eskf, 100.0, 0.0, 0.5), z=np.array([z]))
+            watch.pressure(k * 180_000, innovation, eskf)
+        grown[name] = float(eskf.P[where, where][0, 0] - before)
+        assert (Doubt.BAROMETER_DRIFT in watch.doubts(eskf, None)) is (name == "steady")
+    assert grown["both sides"] == 0.0
+    assert grown["steady"] > 1.0
