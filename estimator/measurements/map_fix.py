@@ -250,7 +250,7 @@ class MapFixer:
     def _look(
         self, density: PointMassFilter | HeadingSlices, match: Match, predicted_ne_m: Float, weight: float
     ) -> bool:
-        """Multiply the picture's likelihood into the density; False, and nothing done to a plain one, if it is flat."""
+        """Multiply the picture's likelihood into the density; False where it is flat."""
         correlation, cell_m = match.correlation, density.cell_m
         judged = match.peak, self._registrar.calibration.likelihood, match.outlier_probability, cell_m, weight
         north, east = predicted_ne_m[0] + correlation.north_max_m, predicted_ne_m[1] + correlation.east_min_m
