@@ -182,7 +182,7 @@ async def test_the_station_is_asked_to_deny_gps_when_the_flight_was_without(tmp_
 
 async def test_gps_is_given_back_where_the_playing_is_broken_off(tmp_path: Path) -> None:
     """Also: it begins inside the interval, before the station has heard of the vehicle."""
-    flight = recorded(tmp_path / "f", seconds=6.0)
+    flight = recorded(tmp_path / "f", seconds=25.0)
     write_flight_json(flight.path, flight.meta.model_copy(update={"gps_denied": ((T0_US, T0_US + 60_000_000),)}))
     (mavlink_port,) = free_udp_ports(1)
     async with running_station(tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",)) as running:
