@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from estimator.filters.eskf import ErrorStateFilter
+from estimator.geometry.rotation import matrix_from_q
 from estimator.integrity.displacement import DisplacementConfig, DisplacementWatch
 from estimator.integrity.picture import shows_ground
 from estimator.integrity.steady import SteadyConfig, SteadyInnovations
@@ -29,6 +30,7 @@ class SelfWatchConfig:
     displacement: DisplacementConfig = field(default_factory=DisplacementConfig)
     steady: SteadyConfig = field(default_factory=SteadyConfig)
     pressure_gain: float = 5.0
+    level_rad: float = 0.35
     contradiction_sigmas: float = 3.0
     wide_after: int = 5
     wide_reach_m: float = 40.0
@@ -65,8 +67,14 @@ class SelfWatch:
         return not self._blind
 
     def pressure(self, t_us: int, innovation: Innovation, eskf: ErrorStateFilter) -> None:
-        """Let the barometer's zero follow where its readings keep to one side of what the pictures say of the climb."""
+        """Let the barometer's zero follow where its readings keep to one side of what the pictures say of the climb.
+
+        Only in level flight: in a steep turn it is the pictures' climb that is poor.
+        """
         self._t_us = t_us
+        if matrix_from_q(eskf.nominal.motion.q_ned_from_body)[2, 2] < np.cos(self.config.level_rad):
+            self._pressure.restart()
+            return
         std_m = float(np.sqrt((innovation.H @ eskf.P @ innovation.H.T + innovation.R)[0, 0]))
         mean_m = self._pressure.note(t_us, float(innovation.z[0]), std_m)
         if self.config.enabled and mean_m != 0.0 and eskf.layout.has("barometer_bias"):

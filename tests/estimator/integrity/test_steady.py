@@ -24,7 +24,7 @@ def test_a_drift_is_seen_with_its_sign_and_ends_after_it() -> None:
     rng = np.random.default_rng(2)
     drifting, well = rng.normal(-0.3, 0.25, 200), rng.normal(0.0, 0.25, 200)
     watch, means = _run(np.concatenate((drifting, well)))
-    assert (means[60:200] < -0.35 * 0.5).mean() > 0.9
+    assert (means[80:200] < -0.3 * 0.5).mean() > 0.9
     assert not means[260:].any()
     assert not watch.stands(400 * EVERY_US)
 
@@ -40,3 +40,14 @@ def test_it_stands_for_a_while() -> None:
 def test_one_reading_far_off_is_no_drift() -> None:
     _, means = _run(np.array([0.0, 0.0, 3.0, 0.0, 0.0]))
     assert not means.any()
+
+
+def test_what_does_not_persist_is_not_told() -> None:
+    """Beyond the limit for two seconds at the most, then a restart, again and again."""
+    watch = SteadyInnovations(CONFIG)
+    told = []
+    for k in range(400):
+        if k % 14 == 0:
+            watch.restart()
+        told.append(watch.note(k * EVERY_US, 1.0, 0.5))
+    assert not any(told)
