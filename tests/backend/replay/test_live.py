@@ -6,6 +6,7 @@ import asyncio
 import itertools
 import signal
 import sys
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -188,7 +189,9 @@ async def test_gps_is_given_back_where_the_playing_is_broken_off(tmp_path: Path)
     async with running_station(tmp_path / "data", mavlink=(f"udpin:127.0.0.1:{mavlink_port}",)) as running:
         command = [sys.executable, "-m", "backend.cli", "replay", str(flight.path), "--live", "--video", "none"]
         command += ["--mavlink", f"udpout:127.0.0.1:{mavlink_port}", "--station", running.address]
-        player = await asyncio.create_subprocess_exec(*command, stdout=-1, stderr=-1)
+        # begun from a background job, the tests themselves may have been told to ignore an interrupt
+        heeds = partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+        player = await asyncio.create_subprocess_exec(*command, stdout=-1, stderr=-1, preexec_fn=heeds)
         async with running.stream() as stream:
             while not (await next_of(stream, "vehicle"))["vehicle"]["gps_denied"]:
                 pass
