@@ -163,10 +163,7 @@ class StationMaps:
         chosen = [record for record in imagery if record.id == self.chosen] or imagery
         if len(chosen) != 1:
             return None
-        box = chosen[0].bounds
-        lat_rad = math.radians((box.south_deg + box.north_deg) / 2)
-        lon_rad = math.radians((box.west_deg + box.east_deg) / 2)
-        elevation = self._finest("elevation", Place(lat_rad, lon_rad, 0.0))
+        elevation = self._finest("elevation", Place(*chosen[0].bounds.middle_rad, 0.0))
         return middle_of_map(
             self.library.raster_path(chosen[0].id),
             None if elevation is None else self.library.raster_path(elevation.id),

@@ -71,9 +71,7 @@ def matchability_of(
     """
     imagery = ReferenceImagery.open(path)
     try:
-        box = imagery.raster.bounds
-        lat_deg, lon_deg = 0.5 * (box.south_deg + box.north_deg), 0.5 * (box.west_deg + box.east_deg)
-        frame = LocalFrame(math.radians(lat_deg), math.radians(lon_deg), 0.0)
+        frame = LocalFrame(*imagery.raster.bounds.middle_rad, 0.0)
         config = MatchabilityConfig(footprint_m=footprint_m, radius_m=radius_m)
         gsd_m = max(imagery.gsd_m, footprint_m / config.template_px)
         bounds = imagery.bounds_ne(frame)
@@ -91,6 +89,7 @@ def matchability_of(
     west = grid.east_min_m + (result.first_px - 0.5 * result.step_px) * grid.gsd_m
     north = grid.north_max_m - (result.first_px - 0.5 * result.step_px) * grid.gsd_m
     # the local tangent plane, to a centimetre within 10 km
+    lat_deg, lon_deg = math.degrees(frame.lat_rad), math.degrees(frame.lon_rad)
     crs = pyproj.CRS.from_proj4(f"+proj=aeqd +lat_0={lat_deg:.9f} +lon_0={lon_deg:.9f} +datum=WGS84 +units=m").to_wkt()
     return MatchabilityLayer(
         result, (step_m, 0.0, west, 0.0, -step_m, north), crs, _summary(result, footprint_m, radius_m, step_m)

@@ -60,6 +60,12 @@ class LatLonBounds:
     north_deg: float
     east_deg: float
 
+    @property
+    def middle_rad(self) -> tuple[float, float]:
+        """Latitude and longitude of its middle, in radians."""
+        lat_deg, lon_deg = 0.5 * (self.south_deg + self.north_deg), 0.5 * (self.west_deg + self.east_deg)
+        return math.radians(lat_deg), math.radians(lon_deg)
+
 
 @dataclass(frozen=True, slots=True)
 class Level:

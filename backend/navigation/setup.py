@@ -202,11 +202,7 @@ def middle_of_map(reference: Path, elevation: Path | None, ground_alt_amsl_m: fl
         A file cannot be read.
     """
     with open_raster(reference) as raster:
-        box = raster.bounds
-    lat_rad, lon_rad = (
-        math.radians((box.south_deg + box.north_deg) / 2),
-        math.radians((box.west_deg + box.east_deg) / 2),
-    )
+        lat_rad, lon_rad = raster.bounds.middle_rad
     alt_m = 0.0 if ground_alt_amsl_m is None else ground_alt_amsl_m
     if elevation is not None:
         grid = ElevationGrid.open(elevation, LocalFrame(lat_rad, lon_rad, alt_m)).alt_amsl_grid_m

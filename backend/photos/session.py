@@ -92,11 +92,9 @@ class PhotoSession:
             self.config = replace(self.config, ground_slope_std=steeper)
         self._profile = profile
         self._imagery = ReferenceImagery.open(map_path, profile.map.offset_ne_m if profile else (0.0, 0.0))
-        box = self._imagery.raster.bounds
-        lat_deg, lon_deg = 0.5 * (box.south_deg + box.north_deg), 0.5 * (box.west_deg + box.east_deg)
         known = profile.map.ground_alt_amsl_m if profile and ground_alt_amsl_m is None else ground_alt_amsl_m
         self._ground_alt_amsl_m = known
-        self.frame = LocalFrame(math.radians(lat_deg), math.radians(lon_deg), known or 0.0)
+        self.frame = LocalFrame(*self._imagery.raster.bounds.middle_rad, known or 0.0)
         self._elevation = elevation_path
         self._terrain: GroundModel | None = None
         if elevation_path is not None:
