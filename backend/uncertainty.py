@@ -8,9 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from estimator.evaluate import CHI2_95_2DOF
 from estimator.types import Float
-
-CHI2_95_TWO = 5.991464547107979  # 95 % quantile of chi-squared with two degrees of freedom, -2 ln 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +24,7 @@ class Ellipse:
 def ellipse95(cov_ne_m2: Float) -> Ellipse:
     """The ellipse that holds 95 % of a normal distribution with a (2, 2) covariance over north and east."""
     values, vectors = np.linalg.eigh(np.asarray(cov_ne_m2, dtype=np.float64))
-    minor, major = np.sqrt(np.maximum(values, 0.0) * CHI2_95_TWO)
+    minor, major = np.sqrt(np.maximum(values, 0.0) * CHI2_95_2DOF)
     north, east = vectors[:, 1]
     azimuth_deg = math.degrees(math.atan2(east, north)) % 180.0
     return Ellipse(float(major), float(minor), azimuth_deg)

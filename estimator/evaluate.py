@@ -9,6 +9,7 @@ import numpy as np
 from estimator.types import Float
 
 CHI2_95_2DOF = 5.991464547107979
+"""The 95 % quantile of a chi-square with two degrees of freedom, -2 ln 0.05."""
 
 
 @dataclass(frozen=True, slots=True)

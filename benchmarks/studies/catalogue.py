@@ -13,7 +13,7 @@ from benchmarks.studies.altitude import hover
 from benchmarks.studies.odometry_noise import translation_noise
 from benchmarks.studies.robustness import degraded, sensors
 from benchmarks.studies.scenarios import PICTURES, flight
-from benchmarks.studies.study import Column, ComputedRow, FlownRow, Study
+from benchmarks.studies.study import HEADLINE, HEADLINE_MEANING, Column, ComputedRow, FlownRow, Study
 from estimator.filters.initialise import InitialGuess
 from estimator.measurements.map_fix import Acceptance, HandOver, MapFixConfig
 from estimator.measurements.picture_to_picture import OdometryConfig
@@ -31,12 +31,7 @@ STRUCTURE = ("keyframe_position", "keyframe_rotation", "structure")
 GROUPS_WITHOUT_STRUCTURE = tuple(group for group in NavigatorConfig().groups if group not in STRUCTURE)
 REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas", "evidence")
 NAVIGATION = (
-    Column("rms, m", "rms_m"),
-    Column("95 %, m", "p95_m"),
-    Column("available", "availability", 1, percent=True),
-    Column("by vision", "by_vision", 0, percent=True),
-    Column("> 5 sigma", "wrong", 2, percent=True),
-    Column("NEES / dof", "nees_per_dof"),
+    *HEADLINE,
     Column("inside 50 %", "inside_50", 0, percent=True),
     Column("90 %", "inside_90", 0, percent=True),
     Column("95 %", "inside_95", 0, percent=True),
@@ -44,8 +39,7 @@ NAVIGATION = (
     Column("ms a fix", "fix_ms", 1),
 )
 MEANING = (
-    "Errors are horizontal, unaligned, while GPS is denied. Available: declared valid (not lost, its own 95 % ellipse "
-    "within 10 m) and within 10 m. By vision: share of mode `vision`, a fix within six seconds. "
+    f"{HEADLINE_MEANING} "
     "More than 5 sigma: share of states whose normalised error exceeds five. Inside: share of states within the stated "
     "50, 90 and 95 % ellipses."
 )

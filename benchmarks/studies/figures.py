@@ -17,8 +17,6 @@ from estimator.types import Float
 
 WITHIN_M = 10.0
 WRONG_SIGMAS = 5.0
-CHI2_95 = float(-2.0 * np.log(0.05))
-"""The 95 % quantile of a chi-square with two degrees of freedom."""
 REGIONS = (0.5, 0.9, 0.95)
 SEGMENT_STEP_M = 10.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from benchmarks.studies.degraded import Degradation, MapFault, PictureFault
 from benchmarks.studies.scenarios import denied_s, flight
-from benchmarks.studies.study import Column, FlownRow, Study
+from benchmarks.studies.study import HEADLINE, HEADLINE_MEANING, Column, FlownRow, Study
 from estimator.navigator import NavigatorConfig
 
 BAD_S = 30.0
@@ -85,19 +85,10 @@ def sensors(short: bool) -> Study:
         FlownRow("map 1 m", "reference at 1 m a pixel", scenario, config, Degradation(map_gsd_m=1.0)),
     )  # fmt: skip
     columns = (
-        Column("rms, m", "rms_m"),
-        Column("95 %, m", "p95_m"),
-        Column("available", "availability", 1, percent=True),
-        Column("by vision", "by_vision", 0, percent=True),
-        Column("> 5 sigma", "wrong", 2, percent=True),
-        Column("NEES / dof", "nees_per_dof"),
+        *HEADLINE,
         Column("inside 95 %", "inside_95", 0, percent=True),
         Column("fixes accepted", "accepted", 0, percent=True),
         Column("alarms (flights)", "alarms"),
     )
-    about = (
-        "Errors are horizontal, unaligned, while GPS is denied. Available: declared valid (not lost, its own 95 % "
-        "ellipse within 10 m) and within 10 m. By vision: share of mode `vision`, a fix within six seconds. "
-        "Alarms: those that the station would raise, with the number of flights."
-    )
+    about = f"{HEADLINE_MEANING} Alarms: those that the station would raise, with the number of flights."
     return Study("sensors", "Fewer or worse sensors", about, rows, columns, "rms_m", "horizontal rms, m")

@@ -20,17 +20,15 @@ import numpy as np
 
 from backend.errors import StationError
 from backend.replay.offline import ReplayOptions, TruthErrors, errors_against_truth, replay_flight
+from backend.uncertainty import ellipse95
 from benchmarks.studies.degraded import Degrader
-from benchmarks.studies.figures import CHI2_95, Scored, drift, drift_figures, navigation_figures, pooled, scored
+from benchmarks.studies.figures import WITHIN_M, Scored, drift, drift_figures, navigation_figures, pooled, scored
 from benchmarks.studies.flights import ESTIMATOR_SOURCES, SIMULATOR_SOURCES, flown, source_digest
 from benchmarks.studies.series import Series, series_figures
 from benchmarks.studies.study import ComputedRow, FlownRow, Row, Study
 from estimator.types import Float, Mode, NavigationState
 from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
-
-VALID_WITHIN_M = 10.0
-"""A state declares its position valid when it is not lost and its own 95 % ellipse reaches no farther than this."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +200,8 @@ def _replayed(row: FlownRow, flight: Path, seed: int, segments_m: Sequence[float
 
 
 def _declared_valid(state: NavigationState) -> bool:
-    largest_m2 = float(np.linalg.eigvalsh(state.cov_pos_ned_m2[:2, :2])[-1])
-    return state.mode is not Mode.LOST and bool(np.sqrt(CHI2_95 * largest_m2) <= VALID_WITHIN_M)
+    """Whether it is not lost and its own 95 % ellipse reaches no farther than what counts as available."""
+    return state.mode is not Mode.LOST and ellipse95(state.cov_pos_ned_m2[:2, :2]).semi_major_m <= WITHIN_M
 
 
 def _series(errors: TruthErrors, states: Sequence[NavigationState], denied_us: int, degrader: Degrader) -> Series:
