@@ -162,14 +162,14 @@ class VisualOdometry:
             return None
         residual = self._residual(
             self._points.keyframe_uv_px[use], self._tracker.corners_uv_px[use], keyframe, camera, camera_pos_ned_m,
-            down_at, known,
+            down_at, known, with_moments=self.config.use_moments,
         )  # fmt: skip
         if residual is None:
             return None
         motion = displacement(eskf, residual, camera, "keyframe")
         turn_std_rad = self._turn_std_rad(keyframe, camera)
         R = motion.R + np.eye(2) * (turn_std_rad * float(residual.by_rotation_second[1, 0])) ** 2
-        if residual.moments is None or not self.config.use_moments:
+        if residual.moments is None:
             return replace(motion, R=R)
         turned = moments(eskf, residual.moments, camera, "keyframe")
         return Innovation(
@@ -204,7 +204,7 @@ class VisualOdometry:
 
     def _residual(
         self, first_uv_px: Float, second_uv_px: Float, first: Clone, camera: CameraAttitude, camera_pos_ned_m: Float,
-        down_at: Callable[[Float, Float], Float], known: KnownHeights | None,
+        down_at: Callable[[Float, Float], Float], known: KnownHeights | None, with_moments: bool = False,
     ) -> DisplacementResidual | None:  # fmt: skip
         both = self._camera.rays(np.concatenate((first_uv_px, second_uv_px)))
         rays_first = both[: len(first_uv_px)] @ matrix_from_q(first.q_ned_from_camera).T
@@ -217,7 +217,7 @@ class VisualOdometry:
             )  # fmt: skip
         return displacement_residual(
             rays_first, rays_second, first.pos_ned_m, camera_pos_ned_m, down_at, pixel_std_rad,
-            self.config.structure_relative_std, known,
+            self.config.structure_relative_std, known, with_moments,
         )  # fmt: skip
 
     def _known_heights(self, eskf: ErrorStateFilter, count: int) -> tuple[NDArray[np.bool_], KnownHeights | None]:

@@ -64,7 +64,7 @@ class DisplacementResidual:
 
     Where the points' heights are known ``by_heights`` (2, k) are the derivatives by their common errors, in place of
     ``by_ground``; ``below_m`` is how far their mean lies below the ground model, with its variance and its derivatives
-    ``below_by_heights`` (1, k); and ``moments`` is what the tracks say beyond their mean.
+    ``below_by_heights`` (1, k); and ``moments``, where asked for, is what the tracks say beyond their mean.
     """
 
     residual_ne_m: Float
@@ -105,7 +105,7 @@ def residual_of_points(
 def displacement_residual(
     rays_first: Float, rays_second: Float, pos_first_ned_m: Float, pos_second_ned_m: Float,
     down_at: Callable[[Float, Float], Float], pixel_std_rad: float, relative_std: float,
-    known: KnownHeights | None = None,
+    known: KnownHeights | None = None, with_moments: bool = False,
 ) -> DisplacementResidual | None:  # fmt: skip
     """Compare the motion that tracks show with the motion predicted.
 
@@ -123,6 +123,8 @@ def displacement_residual(
         Part of the displacement that relief and lens leave unmodelled.
     known
         Heights of the n points where they are known better than by the ground model.
+    with_moments
+        Whether to fit what known points say beyond their mean too.
 
     Returns
     -------
@@ -183,7 +185,7 @@ def displacement_residual(
         moments=_moments(
             point_first[inlier], residuals[inlier], ground_point_by_pose(slope_first[inlier], height_first[inlier]),
             ground_point_by_pose(expected[inlier], height_second[inlier]), by_heights, relative_std * displacement,
-        ),
+        ) if with_moments else None,
     )  # fmt: skip
 
 

@@ -333,7 +333,7 @@ def _by_known(
 ) -> DisplacementResidual:
     rays_second = _rays(points, SECOND) if turned is None else _turned(_rays(points, SECOND), turned)
     residual = displacement_residual(
-        _rays(points, FIRST), rays_second, first, second, _flat, 5e-4, 0.001, known or _known(points)
+        _rays(points, FIRST), rays_second, first, second, _flat, 5e-4, 0.001, known or _known(points), with_moments=True
     )
     assert residual is not None
     return residual
