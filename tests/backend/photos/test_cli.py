@@ -22,6 +22,11 @@ def _run(*arguments: object) -> Result:
     return CliRunner().invoke(app, ["locate", *(str(a) for a in arguments)], env={"COLUMNS": "200"})
 
 
+def _unwrapped(result: Result) -> str:
+    """What was printed on one line: a table wraps its words by the length of the path among them."""
+    return " ".join(result.output.split())
+
+
 def _miss_m(lat_deg: float, lon_deg: float, true_lat_deg: float, true_lon_deg: float) -> float:
     north = (lat_deg - true_lat_deg) * METRES_PER_DEGREE
     east = (lon_deg - true_lon_deg) * METRES_PER_DEGREE * math.cos(math.radians(true_lat_deg))
@@ -120,9 +125,9 @@ def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:
     no_map = _run(photo, "--map", tmp_path / "none.tif", "--agl", 63, "--hfov", 70)
     nothing = _run(tmp_path, "--map", reference)
 
-    assert "--hfov DEG or --camera" in no_lens.output.replace("\n", " ")
-    assert "--elevation" in no_ground.output
-    assert "below the ground" in below.output
-    assert "no such file" in no_map.output
-    assert "holds no pictures" in nothing.output
+    assert "--hfov DEG or --camera" in _unwrapped(no_lens)
+    assert "--elevation" in _unwrapped(no_ground)
+    assert "below the ground" in _unwrapped(below)
+    assert "no such file" in _unwrapped(no_map)
+    assert "holds no pictures" in _unwrapped(nothing)
     assert {r.exit_code for r in (no_lens, no_ground, below, no_map, nothing)} == {1}
