@@ -101,7 +101,7 @@ class Navigator:
         self._t_us = 0
         self._inertial = InertialTrack(config.inertial_delay_s)
         self._inertial_rate = SampleRate()
-        self._last_us = dict.fromkeys(("fix", "try", "gnss", "barometer", "attitude"), -(10**15))
+        self._last_us = dict.fromkeys(("fix", "try", "gnss", "gnss_velocity", "barometer", "attitude"), -(10**15))
         self._counts: dict[str, int] = {}
         self.stage_seconds: dict[str, float] = {"odometry": 0.0, "registration": 0.0, "inertial": 0.0}
 
@@ -381,7 +381,13 @@ class Navigator:
             self._apply("barometer", innovation, gate_sigmas=8.0)
 
     def _fuse_gnss(self, sample: GnssSample) -> None:
-        if self._eskf is None or not self._due("try", sample.t_us, self.config.gnss_interval_s):
+        if self._eskf is None:
+            return
+        if self._due("gnss_velocity", sample.t_us, self.config.gnss_velocity_interval_s):
+            reading = self._inertial.at(sample.t_us) if self._process_model() == "inertial" else None
+            force = None if reading is None else reading[1]
+            self._apply("gnss_velocity", gnss.velocity(self._eskf, sample.vel_ned_m_s, force), gate_sigmas=5.0)
+        if not self._due("try", sample.t_us, self.config.gnss_interval_s):
             return
         pos = self.frame.ned_from_geodetic(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
         std = max(sample.std_horizontal_m, self.config.gnss_min_std_m)
@@ -390,7 +396,6 @@ class Navigator:
         vertical_std = max(sample.std_vertical_m, 2.0 * self.config.gnss_min_std_m) * np.sqrt(1.0 + alike)
         if self._apply("gnss", gnss.position(self._eskf, pos, std, vertical_std), gate_sigmas=5.0):
             self._last_us["gnss"] = sample.t_us
-        self._apply("gnss_velocity", gnss.velocity(self._eskf, sample.vel_ned_m_s), gate_sigmas=5.0)
 
     def _fuse_attitude(self, sample: AttitudeSample) -> None:
         if self._eskf is None or self._process_model() != "inertial":

@@ -1,7 +1,14 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from estimator.measurements.gnss import HORIZONTAL_VELOCITY_STD_M_S, position, velocity
+from estimator.geometry.rotation import matrix_from_q
+from estimator.measurements.gnss import (
+    HORIZONTAL_VELOCITY_STD_M_S,
+    LAG_S,
+    UNKNOWN_ACCELERATION_M_S2,
+    position,
+    velocity,
+)
 from tests.estimator.measurements.filters import general_filter, numeric_jacobian
 
 FIX = np.array([33.0, -14.0, -88.0])
@@ -37,5 +44,21 @@ def test_unknown_velocity_components_are_left_out() -> None:
     assert innovation is not None
     assert_allclose(innovation.z, [1.0])
     assert innovation.H.shape == (1, eskf.layout.size)
-    assert_allclose(innovation.R, [[HORIZONTAL_VELOCITY_STD_M_S**2]])
+    assert_allclose(innovation.R, [[HORIZONTAL_VELOCITY_STD_M_S**2 + (LAG_S * UNKNOWN_ACCELERATION_M_S2) ** 2]])
     assert velocity(eskf, np.full(3, np.nan)) is None
+
+
+def test_a_velocity_counts_less_the_more_the_aircraft_accelerates() -> None:
+    """Of 4 m/s^2 a lag of 0.2 s leaves 0.8 m/s unknown; at rest the accelerometer reads gravity alone."""
+    eskf = general_filter()
+    body_from_ned = matrix_from_q(eskf.nominal.motion.q_ned_from_body).T
+    gravity = np.array([0.0, 0.0, eskf.earth.gravity_m_s2])
+
+    def std_m_s(acceleration_ned_m_s2: np.ndarray) -> float:
+        force = body_from_ned @ (acceleration_ned_m_s2 - gravity) + eskf.nominal.accelerometer_bias_m_s2
+        innovation = velocity(eskf, np.array([12.0, -6.5, np.nan]), force)
+        assert innovation is not None
+        return float(np.sqrt(innovation.R[0, 0]))
+
+    assert_allclose(std_m_s(np.zeros(3)), HORIZONTAL_VELOCITY_STD_M_S)
+    assert_allclose(std_m_s(np.array([0.0, 4.0, 0.0])), np.hypot(HORIZONTAL_VELOCITY_STD_M_S, LAG_S * 4.0))
