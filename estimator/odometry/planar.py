@@ -28,10 +28,11 @@ MIN_PARALLAX = 0.005
 class KnownHeights:
     """Down (n,) of points that is known better than by the ground model, and what its error has in common.
 
-    The error of point i is ``by_error[i]`` (n, k) times k common ones.
+    The error of point i is ``by_error[i]`` (n, k) times k common ones, and one of its own of ``std_m[i]``.
     """
 
     down_m: Float
+    std_m: Float
     by_error: Float
 
 
@@ -60,7 +61,8 @@ class DisplacementResidual:
     derivatives by camera position NED and by the camera's rotation error about the NED axes, ``by_ground`` (2, 1) by
     how far the surface lies below the ground model: it scales the motion, and of all errors lasts the longest.
     ``cov_m2`` (2, 2). ``relief_m`` is the standard deviation of the seen surface's height about the ground model, from
-    how much more the tracks scatter along the motion, where height shows, than across; infinite where that is unknown.
+    how much more the tracks scatter along the motion, where height shows, than across, or from the known heights
+    themselves where these tell more; infinite where that is unknown.
 
     Where the points' heights are known ``by_heights`` (2, k) are the derivatives by their common errors, in place of
     ``by_ground``; ``below_m`` is how far their mean lies below the ground model, with its variance and its derivatives
@@ -82,6 +84,11 @@ class DisplacementResidual:
     below_variance_m2: float = float("inf")
     below_by_heights: Float | None = None
     moments: MomentResidual | None = None
+
+
+def independent(count: int) -> float:
+    """How many of ``count`` tracks count: neighbours share what relief, lens and codec do to them, denser ones more."""
+    return min(max(count / 3.0, 1.0), 50.0)
 
 
 def residual_of_points(
@@ -159,8 +166,7 @@ def displacement_residual(
     mean = residuals[inlier].mean(axis=0)
     scatter = np.cov(residuals[inlier].T)
     displacement = float(np.hypot(*(pos_second_ned_m - pos_first_ned_m)[:2]))
-    # neighbouring tracks share the error of the relief below them: a third of them counts
-    cov = scatter / max(count / 3.0, 1.0) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
+    cov = scatter / independent(count) + np.eye(2) * ((relative_std * displacement) ** 2 + 1e-4)
     # The derivatives are taken where the second rays are predicted, not where they were measured: a noise that stands
     # in both residual and Jacobian would drag height and ground, a little with every picture, to one side. So for known
     # heights: to raise cameras and surface together must change nothing, or that direction, never observed, drifts.
@@ -176,11 +182,14 @@ def displacement_residual(
         return residual
     by_error = known.by_error[usable][inlier]
     by_heights = (slope_first - expected)[inlier][:, :, None] * by_error[:, None]
+    variance_m2 = float(np.var(below_m[inlier]))
+    own_m2 = float(np.mean(known.std_m[usable][inlier] ** 2))
     return replace(
         residual,
         by_heights=by_heights.mean(axis=0),
         below_m=float(below_m[inlier].mean()),
-        below_variance_m2=float(np.var(below_m[inlier])) / max(count / 3.0, 1.0),
+        below_variance_m2=variance_m2 / independent(count),
+        relief_m=max(relief_m, float(np.sqrt(max(variance_m2 - own_m2, 0.0)))),
         below_by_heights=by_error.mean(axis=0)[None],
         moments=_moments(
             point_first[inlier], residuals[inlier], ground_point_by_pose(slope_first[inlier], height_first[inlier]),
@@ -205,8 +214,8 @@ def _moments(
     left = residuals_ne_m - residuals_ne_m.mean(axis=0)
     left = left - square * np.einsum("kni,k->ni", weights, residual)
     count = len(x)
-    # as for the mean: a third of the tracks counts, and something is left unmodelled that they have in common
-    variance = 3.0 * float(np.mean(left**2)) / square + (floor_m**2 + 1e-4) * count / square
+    # as for the mean, and something is left unmodelled that they have in common
+    variance = count / independent(count) * float(np.mean(left**2)) / square + (floor_m**2 + 1e-4) * count / square
     return MomentResidual(
         residual, np.einsum("kni,nij->kj", weights, by_first), -np.einsum("kni,nij->kj", weights, by_second),
         np.einsum("kni,nij->kj", weights, by_heights), np.eye(2) * variance,

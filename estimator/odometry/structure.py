@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.geometry.ground import ground_point_by_pose
-from estimator.odometry.planar import MIN_DOWN, KnownHeights
+from estimator.odometry.planar import MIN_DOWN, KnownHeights, independent
 from estimator.robust import robust_std
 from estimator.types import Float
 
@@ -41,10 +41,12 @@ class Structure:
     A wrong baseline moves all alike, a tilt that was wrong tips the whole: ``by_error`` (n, 3) are a one and the place
     of the point, slopes north and east in the second picture about their mean, so that the errors are metres down and
     metres down per slope. ``by_pose`` (3, 12) are their derivatives by the two camera poses, each position NED and the
-    small rotation about the NED axes; ``cov`` (3, 3) is theirs by the noise of the pictures alone.
+    small rotation about the NED axes; ``cov`` (3, 3) is theirs by the noise of the pictures alone. ``std_m`` (n,) is
+    what each point errs by on its own.
     """
 
     down_m: Float
+    std_m: Float
     by_error: Float
     by_pose: Float
     cov: Float
@@ -102,10 +104,12 @@ def triangulated(rays_ned: Float, pos_ned_m: Float, pixel_std_rad: float, config
         for camera, sign in ((0, -1.0), (1, 1.0))
     ], axis=1)  # fmt: skip
     height = float(height_m[1, sound].mean())
-    noise_m2 = 2.0 * (pixel_std_rad * height) ** 2 * float(np.mean(1.0 / square[sound]))
-    # neighbouring points err alike: a third of them counts
-    cov = 3.0 * noise_m2 * (fit @ fit.T) + np.eye(3) * (config.height_std * height) ** 2
-    return Structure(np.where(sound, down_m, np.nan), by_error, by_pose, cov)
+    std_m = np.where(sound, np.sqrt(2.0 / np.where(sound, square, 1.0)) * pixel_std_rad * height, np.nan)
+    cov = (
+        count / independent(count) * float(np.nanmean(std_m**2)) * (fit @ fit.T)
+        + np.eye(3) * (config.height_std * height) ** 2
+    )
+    return Structure(np.where(sound, down_m, np.nan), std_m, by_error, by_pose, cov)
 
 
 class FollowedPoints:
@@ -117,6 +121,7 @@ class FollowedPoints:
     def __init__(self) -> None:
         self.keyframe_uv_px: Float = np.empty((0, 2))
         self.down_m: Float = np.empty(0)
+        self.std_m: Float = np.empty(0)
         self.by_error: Float = np.empty((0, 3))
 
     def follow(self, kept: NDArray[np.intp], count: int) -> None:
@@ -128,15 +133,16 @@ class FollowedPoints:
             return left
 
         self.keyframe_uv_px = kept_of(self.keyframe_uv_px)
-        self.down_m, self.by_error = kept_of(self.down_m), kept_of(self.by_error)
+        self.down_m, self.std_m, self.by_error = kept_of(self.down_m), kept_of(self.std_m), kept_of(self.by_error)
 
     def take(self, uv_px: Float, structure: Structure | None) -> None:
         """The corners' pixels (n, 2) in a new keyframe, and what is known of their heights then."""
         self.keyframe_uv_px = uv_px
         if structure is None:
-            self.down_m, self.by_error = np.full(len(uv_px), np.nan), np.full((len(uv_px), 3), np.nan)
+            nothing = np.full(len(uv_px), np.nan)
+            self.down_m, self.std_m, self.by_error = nothing, nothing, np.full((len(uv_px), 3), np.nan)
         else:
-            self.down_m, self.by_error = structure.down_m, structure.by_error
+            self.down_m, self.std_m, self.by_error = structure.down_m, structure.std_m, structure.by_error
 
     def heights(self, count: int, errors_m: Float, min_points: int) -> tuple[NDArray[np.bool_], KnownHeights | None]:
         """Which of the first ``count`` points have a height, and these with the common errors (3,) as now estimated.
@@ -147,4 +153,5 @@ class FollowedPoints:
         if known.sum() < min_points:
             return np.ones(count, dtype=bool), None
         by_error = self.by_error[:count][known]
-        return known, KnownHeights(self.down_m[:count][known] + by_error @ errors_m, by_error)
+        down_m = self.down_m[:count][known] + by_error @ errors_m
+        return known, KnownHeights(down_m, self.std_m[:count][known], by_error)

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -8,7 +10,13 @@ from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
 from estimator.measurements.barometer import pressure_altitude
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.visual_odometry import displacement
-from estimator.odometry.planar import MIN_TRACKS, DisplacementResidual, KnownHeights, displacement_residual
+from estimator.odometry.planar import (
+    MIN_TRACKS,
+    DisplacementResidual,
+    KnownHeights,
+    displacement_residual,
+    independent,
+)
 
 FIRST = np.array([0.0, 0.0, -100.0])
 SECOND = np.array([9.0, -5.0, -98.0])
@@ -325,7 +333,9 @@ def test_relief_is_unknown_without_motion() -> None:
 
 def _known(points: np.ndarray, error_m: float = 0.0) -> KnownHeights:
     place = points[:, :2] / 100.0
-    return KnownHeights(points[:, 2] + error_m, np.column_stack((np.ones(len(points)), place)))
+    return KnownHeights(
+        points[:, 2] + error_m, np.full(len(points), 0.1), np.column_stack((np.ones(len(points)), place))
+    )
 
 
 def _by_known(
@@ -352,6 +362,21 @@ def test_known_heights_take_the_place_of_the_ground_model() -> None:
     assert residual.moments is not None
     assert_allclose(residual.moments.residual, 0.0, atol=1e-12)
     assert residual.below_m == pytest.approx(points[:, 2].mean())
+
+
+@pytest.mark.parametrize(("std_m", "least_m", "most_m"), [(0.1, 2.5, 3.5), (3.5, 0.0, 1.5)])
+def test_heights_tell_a_relief_that_one_pair_of_pictures_misses(std_m: float, least_m: float, most_m: float) -> None:
+    """Heights that scatter by 3 m are a rough surface, unless they are as uncertain as that."""
+    points = _ground(300, 23, _flat)
+    known = _known(points)
+    rough_m = np.random.default_rng(24).normal(0.0, 3.0, len(points))
+    scattered = replace(known, down_m=known.down_m + rough_m, std_m=np.full(len(points), std_m))
+
+    assert least_m <= _by_known(points, known=scattered).relief_m <= most_m
+
+
+def test_neighbouring_tracks_do_not_all_count() -> None:
+    assert [independent(count) for count in (1, 30, 150, 600)] == [1.0, 10.0, 50.0, 50.0]
 
 
 def test_known_heights_leave_the_relief_to_the_ground_model() -> None:
@@ -397,7 +422,7 @@ def test_common_errors_of_the_heights_move_mean_and_moments_as_stated() -> None:
     known = _known(points)
     for k in range(3):
         ends = [
-            _by_known(points, known=KnownHeights(known.down_m + sign * 0.05 * known.by_error[:, k], known.by_error))
+            _by_known(points, known=replace(known, down_m=known.down_m + sign * 0.05 * known.by_error[:, k]))
             for sign in (1.0, -1.0)
         ]
         mean = (ends[0].residual_ne_m - ends[1].residual_ne_m) / 0.1

@@ -93,6 +93,20 @@ def test_stated_noise_covers_what_noisy_rays_do() -> None:
     assert 0.5 < np.mean(squares) < 3.0
 
 
+def test_what_each_point_errs_by_is_as_stated() -> None:
+    points = _points(90, 4)
+    rng = np.random.default_rng(8)
+    errors, stated = [], []
+    for _ in range(100):
+        rays = _rays(points)
+        rays = rays + rng.normal(0.0, PIXEL_STD_RAD, rays.shape)
+        found = _structure(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        errors.append(found.down_m - points[:, 2])
+        stated.append(found.std_m)
+    # rays to the rim of a picture are longer than the height, so that the same angle is less of a slope there
+    assert_allclose(np.nanstd(errors, axis=0) / np.nanmean(stated, axis=0), 1.0, atol=0.35)
+
+
 def test_points_without_parallax_or_unseen_have_no_height() -> None:
     points = _points(60, 7)
     rays = _rays(points)
@@ -122,7 +136,9 @@ def test_no_structure_of_few_points_or_of_a_hover() -> None:
 
 def test_what_is_known_stays_with_its_corner() -> None:
     points = FollowedPoints()
-    structure = Structure(np.array([1.0, 2.0, np.nan, 4.0]), np.eye(4, 3), np.zeros((3, 12)), np.eye(3))
+    structure = Structure(
+        np.array([1.0, 2.0, np.nan, 4.0]), np.array([0.1, 0.2, np.nan, 0.4]), np.eye(4, 3), np.zeros((3, 12)), np.eye(3)
+    )
     points.take(np.arange(8.0).reshape(4, 2), structure)
 
     points.follow(np.array([1, 3]), 5)
@@ -135,6 +151,7 @@ def test_what_is_known_stays_with_its_corner() -> None:
     assert known.all()
     # the second corner was the fourth, whose row of the errors is zero
     assert_allclose(heights.down_m, [12.0, 4.0])
+    assert_allclose(heights.std_m, [0.2, 0.4])
 
 
 def test_all_points_are_used_where_too_few_have_a_height() -> None:
