@@ -17,17 +17,25 @@ from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q
 from estimator.measurements import terrain_fix
 from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
+from estimator.registration.calibration import calibration_of
 from estimator.types import Float
 
 GROUPS = ("position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias")
 INERTIAL_HZ, FIX_HZ = 50, 4
-FIX_STD_M = 2.0
+REFERENCE_GSD_M, FOCAL_PX = 0.5, 554.0
+"""A map of half a metre, and a camera of 640 pixels and 60 degrees across."""
 GYRO_RAD_RT_S = 3.5e-3 / np.sqrt(INERTIAL_HZ)
 FORCE_M_S2_RT_S = 0.05 / np.sqrt(INERTIAL_HZ)
 GYRO_BIAS_RAD_S, FORCE_BIAS_M_S2 = 1.7e-3, 0.127
 """Table 5.1 of the thesis: 0.1 deg/s and 13 mg at the most."""
 ATTITUDE_STD_RAD = (0.01, 0.01, 0.02)
 DIVERGED_RAD = 0.35
+
+
+def fix_std_m(height_m: float) -> float:
+    """What the calibration in use states of the map's local error, at the resolution that a picture is matched at."""
+    stated = calibration_of("double_angle").likelihood
+    return float(np.hypot(stated.map_std_m, stated.map_std_px * max(REFERENCE_GSD_M, height_m / FOCAL_PX)))
 
 
 def hover(seed: int, height_m: float, coupled: bool, seconds: float) -> dict[str, float]:
@@ -98,7 +106,8 @@ def _fix(
     rng: np.random.Generator,
 ) -> None:  # fmt: skip
     """The ground point on the optical axis, where the map has it, less where the filter expects it; and the height."""
-    seen = _aim(truth_pos, model.at(0, truth_q, np.zeros(3)).ned_from_camera) + rng.normal(0.0, FIX_STD_M, 2)
+    std_m = fix_std_m(-float(truth_pos[2]))
+    seen = _aim(truth_pos, model.at(0, truth_q, np.zeros(3)).ned_from_camera) + rng.normal(0.0, std_m, 2)
     motion = eskf.nominal.motion
     camera = model.at(0, motion.q_ned_from_body, np.zeros(3))
     expected = _aim(motion.pos_ned_m, camera.ned_from_camera)
@@ -107,7 +116,7 @@ def _fix(
         T[2:] = 0.0
     centre = np.array([expected[0], expected[1], 0.0])
     H = terrain_fix.centre_by_pose(centre, motion.pos_ned_m) @ T
-    eskf.update(seen - expected, H, np.eye(2) * FIX_STD_M**2)
+    eskf.update(seen - expected, H, np.eye(2) * std_m**2)
     down = eskf.layout.jacobian(1, position=np.array([[0.0, 0.0, 1.0]]))
     height_noise = rng.normal(0.0, 1.0)
     eskf.update(np.array([truth_pos[2] + height_noise - eskf.nominal.motion.pos_ned_m[2]]), down, np.eye(1))

@@ -238,8 +238,9 @@ def altitude(short: bool) -> Study:
         Column("diverged", "diverged", 0, percent=True),
     )
     about = (
-        "Hover, inertial readings of the thesis's table 5.1 and a position from the picture at 4 Hz with 2 m of noise, "
-        "drawn without pictures as in section 5.8.5. Diverged: tilt wrong by more than 20 degrees at some time; "
+        "Hover, inertial readings of the thesis's table 5.1 and a position from the picture at 4 Hz, drawn without "
+        "pictures as in section 5.8.5, with the noise that the likelihood's calibration states. Diverged: tilt wrong "
+        "by more than 20 degrees at some time; "
         "the other figures are of the runs that did not."
     )
     return Study("altitude", "Stability with height", about, rows, columns, "rms_m", "horizontal rms, m")
