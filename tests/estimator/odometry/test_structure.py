@@ -103,8 +103,11 @@ def test_what_each_point_errs_by_is_as_stated() -> None:
         found = _structure(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
         errors.append(found.down_m - points[:, 2])
         stated.append(found.std_m)
-    # rays to the rim of a picture are longer than the height, so that the same angle is less of a slope there
-    assert_allclose(np.nanstd(errors, axis=0) / np.nanmean(stated, axis=0), 1.0, atol=0.35)
+    ratio = np.nanstd(errors, axis=0) / np.nanmean(stated, axis=0)
+    assert_allclose(np.median(ratio), 1.0, atol=0.15)
+    # towards the rim of a picture the same angle is more of a slope
+    assert ratio.min() > 0.7
+    assert ratio.max() < 1.7
 
 
 def test_points_without_parallax_or_unseen_have_no_height() -> None:
