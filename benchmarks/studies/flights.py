@@ -27,10 +27,10 @@ ESTIMATOR_SOURCES = (
 
 
 def source_digest(folders: tuple[str, ...]) -> str:
-    """Digest of the code in some folders, so that nothing computed by older code is taken for the present one's."""
+    """Digest of code and calibrations in some folders, so that nothing of older ones is taken for the present's."""
     digest = hashlib.sha256()
     for folder in folders:
-        for path in sorted((ROOT / folder).rglob("*.py")):
+        for path in sorted((*(ROOT / folder).rglob("*.py"), *(ROOT / folder).rglob("*.toml"))):
             digest.update(path.relative_to(ROOT).as_posix().encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()

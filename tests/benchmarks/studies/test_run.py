@@ -111,10 +111,11 @@ def test_a_whole_flight_in_the_cache_is_not_flown_again(cache: Path) -> None:
     assert not list((cache / "flights").glob(".*")), "nothing half done stays behind"
 
 
-def test_other_code_has_another_digest(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["a.py", "calibration.toml"])
+def test_other_code_has_another_digest(name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("benchmarks.studies.flights.ROOT", tmp_path)
     (tmp_path / "part").mkdir()
-    source = tmp_path / "part" / "a.py"
+    source = tmp_path / "part" / name
     source.write_text("x = 1\n")
     before = source_digest(("part",))
     source.write_text("x = 2\n")
