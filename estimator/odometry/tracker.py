@@ -16,10 +16,10 @@ from estimator.types import Float, Image
 class TrackerConfig:
     """Numbers of corners and the tracker's window."""
 
-    max_corners: int = 320
-    min_corners: int = 290
+    max_corners: int = 220
+    min_corners: int = 205
     quality: float = 0.01
-    min_distance_px: float = 12.0
+    min_distance_px: float = 14.0
     window_px: int = 17
     levels: int = 3
     border_px: int = 6
