@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-import mgrs
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from backend.coordinates import dms_of, mgrs_of, utm_of
 from backend.store.targets import Target
 from backend.uncertainty import circular_error_m, ellipse95
 
@@ -29,10 +29,12 @@ class PointGeometry(BaseModel):
 
 
 class TargetProperties(BaseModel):
-    """A target's properties; uncertainties are null where nobody knows them."""
+    """A target's properties; uncertainties are null where nobody knows them, grids where they do not reach."""
 
     name: str
     mgrs: str | None
+    utm: str | None
+    dms: str
     lat_deg: float
     lon_deg: float
     alt_amsl_m: float | None
@@ -146,6 +148,7 @@ def feature_of_target(target: Target) -> TargetFeature:
         geometry=PointGeometry(coordinates=coordinates),
         properties=TargetProperties(
             name=target.name, mgrs=mgrs_of(target.lat_deg, target.lon_deg),
+            utm=utm_of(target.lat_deg, target.lon_deg), dms=dms_of(target.lat_deg, target.lon_deg),
             lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=target.alt_amsl_m, method=target.method,
             vehicle_id=target.vehicle_id, frame_id=target.frame_id, t_unix_us=target.t_unix_us,
             u_px=target.u_px, v_px=target.v_px, std_n_m=std_n, std_e_m=std_e, std_d_m=_root(target.var_d_m2),
@@ -158,14 +161,6 @@ def feature_of_target(target: Target) -> TargetFeature:
 def collection_of_targets(targets: list[Target]) -> TargetCollection:
     """The GeoJSON collection of targets."""
     return TargetCollection(features=[feature_of_target(target) for target in targets])
-
-
-def mgrs_of(lat_deg: float, lon_deg: float) -> str | None:
-    """The one-metre grid reference (MGRS) of a place; UPS zones at the poles included."""
-    try:
-        return str(mgrs.MGRS().toMGRS(lat_deg, lon_deg))
-    except mgrs.core.MGRSError:
-        return None
 
 
 def _root(variance: float | None) -> float | None:

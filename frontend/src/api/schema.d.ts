@@ -193,7 +193,7 @@ export interface paths {
         };
         /**
          * List Targets
-         * @description All targets as a GeoJSON FeatureCollection.
+         * @description All targets as a GeoJSON FeatureCollection, or as a file to keep and hand on.
          */
         get: operations["list_targets_api_v1_targets_get"];
         put?: never;
@@ -877,13 +877,17 @@ export interface components {
         };
         /**
          * TargetProperties
-         * @description A target's properties; uncertainties are null where nobody knows them.
+         * @description A target's properties; uncertainties are null where nobody knows them, grids where they do not reach.
          */
         TargetProperties: {
             /** Name */
             name: string;
             /** Mgrs */
             mgrs: string | null;
+            /** Utm */
+            utm: string | null;
+            /** Dms */
+            dms: string;
             /** Lat Deg */
             lat_deg: number;
             /** Lon Deg */
@@ -1435,8 +1439,8 @@ export interface operations {
     list_targets_api_v1_targets_get: {
         parameters: {
             query?: {
-                /** @description geojson */
-                format?: string;
+                /** @description a file to keep: geojson, kml, gpx, csv, cot */
+                format?: string | null;
             };
             header?: never;
             path?: never;
@@ -1451,6 +1455,11 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["TargetCollection"];
+                    "application/geo+json": unknown;
+                    "application/vnd.google-earth.kml+xml": unknown;
+                    "application/gpx+xml": unknown;
+                    "text/csv": unknown;
+                    "application/xml-external-parsed-entity": unknown;
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
-from backend.schemas.geometry import NewTarget, TargetPatch, collection_of_targets, feature_of_target, mgrs_of
+from backend.schemas.geometry import NewTarget, TargetPatch, collection_of_targets, feature_of_target
 from backend.store.targets import Target
 
 
@@ -47,15 +47,13 @@ def test_what_nobody_knows_is_null() -> None:
     assert collection_of_targets([]).model_dump() == {"type": "FeatureCollection", "features": []}
 
 
-@pytest.mark.parametrize(
-    ("lat_deg", "lon_deg", "zone"),
-    [(47.3769, 8.5417, "32T"), (-33.86, 151.21, "56H"), (90.0, 0.0, "Z"), (-90.0, 0.0, "B"), (0.0, 180.0, "01N")],
-)
-def test_grid_references_reach_everywhere(lat_deg: float, lon_deg: float, zone: str) -> None:
-    found = mgrs_of(lat_deg, lon_deg)
+def test_a_place_comes_in_the_words_of_map_readers() -> None:
+    about = feature_of_target(target(lat_deg=47.3769, lon_deg=8.5417)).properties
 
-    assert found is not None
-    assert found.startswith(zone)
+    assert (about.mgrs, about.utm, about.dms) == (
+        "32TMT6540347150", "32T 465403 5247151", "47°22′36.84″N 008°32′30.12″E",
+    )  # fmt: skip
+    assert feature_of_target(target(lat_deg=89.0)).properties.utm is None
 
 
 @pytest.mark.parametrize(
