@@ -15,7 +15,6 @@ StationError            base: ``str()`` is fit for an operator's eyes
   TargetChangedError    the target has another version than the request expects
   ConflictError         the request does not fit the present state of the station
   CommandRefusedError   the vehicle cannot be given this command now
-  NotOfferedError       a format or feature that this version does not have
   InvalidRequestError   a value that makes no sense
 """
 
@@ -135,10 +134,6 @@ class CommandRefusedError(StationError):
     """The vehicle cannot be given this command now."""
 
 
-class NotOfferedError(StationError):
-    """A format or feature that this version does not have."""
-
-
 class InvalidRequestError(StationError):
     """A value that makes no sense."""
 
@@ -159,7 +154,6 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     TargetChangedError: HTTPStatus.PRECONDITION_FAILED,
     ConflictError: HTTPStatus.CONFLICT,
     CommandRefusedError: HTTPStatus.CONFLICT,
-    NotOfferedError: HTTPStatus.NOT_ACCEPTABLE,
     InvalidRequestError: HTTPStatus.BAD_REQUEST,
     FlightFolderError: HTTPStatus.UNPROCESSABLE_ENTITY,
     RasterError: HTTPStatus.UNPROCESSABLE_ENTITY,

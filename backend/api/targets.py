@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from http import HTTPStatus
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Query, Response
 
 from backend.api.access import the_station
-from backend.errors import InvalidRequestError, NotOfferedError
+from backend.clock import unix_us
+from backend.errors import InvalidRequestError
+from backend.exports.formats import FORMATS, file_name
 from backend.schemas.geometry import (
     NewTarget,
     TargetCollection,
@@ -26,19 +28,27 @@ router = APIRouter(prefix="/api/v1/targets", tags=["targets"])
 TheStation = Annotated[Station, Depends(the_station)]
 IfMatch = Annotated[str | None, Header(description="The ETag that the target must still have")]
 
-LATER_FORMATS = ("kml", "csv", "gpx", "cot")
+_FILES: dict[int | str, dict[str, Any]] = {
+    200: {"content": {kind.media_type.partition(";")[0]: {} for kind in FORMATS.values()}}
+}
 
 
-@router.get("")
+@router.get("", response_model=TargetCollection, responses=_FILES)
 async def list_targets(
-    station: TheStation, format: Annotated[str, Query(description="geojson")] = "geojson"
-) -> TargetCollection:
-    """All targets as a GeoJSON FeatureCollection."""
-    if format in LATER_FORMATS:
-        raise NotOfferedError(f"format '{format}' is not offered by this version: use format=geojson")
-    if format != "geojson":
-        raise InvalidRequestError(f"format '{format}' is not known: use format=geojson")
-    return collection_of_targets(station.targets.all())
+    station: TheStation,
+    format: Annotated[str | None, Query(description=f"a file to keep: {', '.join(FORMATS)}")] = None,
+) -> TargetCollection | Response:
+    """All targets as a GeoJSON FeatureCollection, or as a file to keep and hand on."""
+    targets = station.targets.all()
+    if format is None:
+        return collection_of_targets(targets)
+    kind = FORMATS.get(format)
+    if kind is None:
+        raise InvalidRequestError(f"format '{format}' is not known: use one of {', '.join(FORMATS)}")
+    now_us = unix_us()
+    name = file_name(kind.ending, now_us)
+    headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+    return Response(kind.write(targets, now_us), media_type=kind.media_type, headers=headers)
 
 
 @router.post("", status_code=HTTPStatus.CREATED)
