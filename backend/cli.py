@@ -86,6 +86,10 @@ def serve(
     flights: Annotated[
         list[Path] | None, typer.Option(help="Further folders of flights, read only  (repeatable)")
     ] = None,
+    cot: Annotated[
+        list[str] | None,
+        typer.Option(help="Send targets as CoT: udp://HOST:PORT[?interface=], tcp://HOST:PORT  (repeatable)"),
+    ] = None,
     record: Annotated[bool, typer.Option("--record", help="Record from the start.")] = False,
 ) -> None:
     """Run the station until Ctrl-C."""
@@ -93,7 +97,7 @@ def serve(
     settings = load_settings(
         config, host=host, port=port, data_dir=data_dir, mavlink=tuple(mavlink) if mavlink else None, video=video,
         map=map, camera=camera, time_offset_s=time_offset_s, flights=tuple(flights) if flights else None,
-        record=record or None,
+        cot=tuple(cot) if cot else None, record=record or None,
     )  # fmt: skip
 
     async def alongside(station: Station, address: str, ending: asyncio.Event) -> None:

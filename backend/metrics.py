@@ -52,6 +52,21 @@ class Metrics:
             "Streams closed because they were read too slowly",
             registry=self.registry,
         )
+        self.cot_events = Counter(
+            "pilotage_cot_events_total", "CoT events sent", ["destination"], registry=self.registry
+        )
+        self.cot_failures = Counter(
+            "pilotage_cot_failures_total",
+            "Times CoT events did not go out",
+            ["destination"],
+            registry=self.registry,
+        )
+        self.cot_dropped = Counter(
+            "pilotage_cot_dropped_total",
+            "CoT events dropped because too many waited",
+            ["destination"],
+            registry=self.registry,
+        )
         self.recording_bytes = Gauge(
             "pilotage_recording_bytes", "Size of the running recording", registry=self.registry
         )

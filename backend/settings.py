@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
 
 from backend.errors import StartError
+from backend.exports.destination import Destination
 
 DEFAULT_PORT = 8700
 
@@ -37,12 +38,13 @@ class Settings(BaseSettings):
     camera: Path | None = None
     time_offset_s: float | None = Field(default=None, ge=-10, le=10)
     flights: Annotated[tuple[Path, ...], NoDecode] = ()
+    cot: Annotated[tuple[str, ...], NoDecode] = ()
     record: bool = False
     console_dir: Path | None = None
     estimator_delay_ms: int = Field(default=250, ge=0, le=2000)
     disk_low_bytes: int = Field(default=2_000_000_000, ge=0)
 
-    @field_validator("mavlink", "flights", mode="before")
+    @field_validator("mavlink", "flights", "cot", mode="before")
     @classmethod
     def _split_commas(cls, value: object) -> object:
         # An environment variable is one string; connection strings hold no comma.
@@ -51,6 +53,13 @@ class Settings(BaseSettings):
             return parts
         stripped = (part.strip() if isinstance(part, str) else part for part in parts)
         return tuple(part for part in stripped if part not in ("", "none"))
+
+    @field_validator("cot")
+    @classmethod
+    def _check_destinations(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for text in value:
+            Destination.parse(text)
+        return value
 
     @field_validator("video", mode="before")
     @classmethod

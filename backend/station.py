@@ -26,6 +26,7 @@ from backend.errors import (
     UnknownSourceError,
     UnknownVehicleError,
 )
+from backend.exports.sender import CotSender
 from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
 from backend.fleet.feed import FrameIdentity, VideoFeed
@@ -77,6 +78,7 @@ class Station:
             on_reports=self._on_reports,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
+        self.cot = CotSender(settings.cot, self._all_targets, self.metrics)
         self.links: list[LinkEndpoint] = []
         self.camera: LiveCamera | None = None
         self.profile: CameraProfile | None = None
@@ -95,6 +97,9 @@ class Station:
         if self._targets is None:
             raise ConflictError("the station is not running")
         return self._targets
+
+    def _all_targets(self) -> list[Target]:
+        return self.targets.all()
 
     @property
     def maps_inbox(self) -> Path:
@@ -123,6 +128,7 @@ class Station:
                 await link.start()
             if self.camera is not None:
                 self.camera.start()
+            self.cot.start()
         except BaseException:
             await self.stop()
             raise
@@ -141,6 +147,7 @@ class Station:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
         await self.replays.close()
+        await self.cot.close()
         for link in self.links:
             await link.close()
         if self.camera is not None:
@@ -171,7 +178,7 @@ class Station:
             elif vehicle.setup is not None and vehicle.setup.reference is None:
                 waits.append(f"vehicle {vehicle.id}: a reference map of its area: pilotage map import FILE.tif")
             waits += vehicle.waiting_for()
-        return waits
+        return waits + self.cot.waiting_for()
 
     async def hello(self) -> dict[str, Any]:
         """Fields of the ``hello`` message: everything a newcomer has to know."""
@@ -263,18 +270,20 @@ class Station:
         self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
         if frame is not None and target.vehicle_id in self.fleet.vehicles:
             self.recorder.click(ClickRow(frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
+        self.cot.changed(target)
         self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
         return target
 
     async def change_target(self, target_id: str, change: TargetChange, version: int | None) -> Target:
         """Change a target and tell everybody."""
         target = await self.targets.change(target_id, change, version, unix_us())
+        self.cot.changed(target)
         self.hub.publish("target", action="updated", target=feature_of_target(target).model_dump())
         return target
 
     async def delete_target(self, target_id: str, version: int | None) -> None:
         """Remove a target and tell everybody."""
-        await self.targets.delete(target_id, version)
+        self.cot.deleted(await self.targets.delete(target_id, version))
         self.hub.publish("target", action="deleted", target=target_id)
 
     async def import_map(self, path: Path, name: str, kind: MapKind | None) -> MapBody:

@@ -89,13 +89,14 @@ class TargetStore:
             self._targets[target_id] = changed
         return changed
 
-    async def delete(self, target_id: str, version: int | None) -> None:
-        """Remove a target, if it still has the expected version (None: whichever it has)."""
+    async def delete(self, target_id: str, version: int | None) -> Target:
+        """Remove and return a target, if it still has the expected version (None: whichever it has)."""
         async with self._database.writing:
-            self._expected(target_id, version)
+            target = self._expected(target_id, version)
             async with self._database.session.begin() as session:
                 await session.execute(delete(TargetRow).where(TargetRow.id == target_id))
             del self._targets[target_id]
+        return target
 
     def _expected(self, target_id: str, version: int | None) -> Target:
         target = self._targets.get(target_id)

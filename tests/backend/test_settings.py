@@ -42,6 +42,7 @@ def test_none_switches_links_and_video_off() -> None:
         ("colour = 1", "colour"),
         ("port = ", "not valid TOML"),
         ('time_offset_s = "soon"', "time_offset_s"),
+        ('cot = ["udp://239.2.3.1:6969", "tls://tak.example:8089"]', "cot: .*'tls://tak.example:8089': unknown kind"),
     ],
 )
 def test_a_wrong_file_is_named_with_what_is_wrong(tmp_path: Path, text: str, words: str) -> None:
@@ -50,6 +51,12 @@ def test_a_wrong_file_is_named_with_what_is_wrong(tmp_path: Path, text: str, wor
 
     with pytest.raises(StartError, match=words):
         load_settings(config)
+
+
+def test_receivers_of_targets_are_none_unless_given(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert load_settings().cot == ()
+    monkeypatch.setenv("PILOTAGE_COT", "udp://239.2.3.1:6969?interface=eth0, tcp://10.0.0.7:8087")
+    assert load_settings().cot == ("udp://239.2.3.1:6969?interface=eth0", "tcp://10.0.0.7:8087")
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ export interface paths {
         };
         /**
          * Readyz
-         * @description The station accepts work; waiting for an aircraft is not a fault.
+         * @description The station accepts work; waiting for an aircraft, or for a receiver of its targets, is not a fault.
          */
         get: operations["readyz_readyz_get"];
         put?: never;
@@ -543,6 +543,24 @@ export interface components {
             alt_rel_m?: number | null;
         };
         /**
+         * CotReceiver
+         * @description A receiver of targets as CoT events; ``problem`` is null while they go out, counts are since the start.
+         */
+        CotReceiver: {
+            /** Destination */
+            destination: string;
+            /** Sent */
+            sent: number;
+            /** Failures */
+            failures: number;
+            /** Dropped */
+            dropped: number;
+            /** Problem */
+            problem: string | null;
+            /** Last Error */
+            last_error: string | null;
+        };
+        /**
          * EllipseBody
          * @description A horizontal 95 % error ellipse; azimuth of the major axis from north.
          */
@@ -726,6 +744,8 @@ export interface components {
             ready: boolean;
             /** Waiting For */
             waiting_for: string[];
+            /** Cot */
+            cot: components["schemas"]["CotReceiver"][];
         };
         /**
          * RecordingBody

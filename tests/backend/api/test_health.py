@@ -12,7 +12,7 @@ async def test_alive_ready_and_measured(tmp_path: Path) -> None:
         metrics = await running.client.get("/metrics")
 
     assert health.json()["status"] == "ok"
-    assert ready.json() == {"ready": True, "waiting_for": []}
+    assert ready.json() == {"ready": True, "waiting_for": [], "cot": []}
     assert "pilotage_stage_seconds" in metrics.text
     assert "pilotage_disk_free_bytes" in metrics.text
 
