@@ -60,7 +60,7 @@ def utm_of(lat_deg: float, lon_deg: float) -> str | None:
     if where is None:
         return None
     zone, band = where
-    east_m, north_m = _projection(zone, band < "N")(lon_deg, lat_deg)
+    east_m, north_m = _projection(zone, band < "N").transform(lon_deg, lat_deg)
     return f"{zone}{band} {east_m:.0f} {north_m:.0f}"
 
 
@@ -70,8 +70,12 @@ def dms_of(lat_deg: float, lon_deg: float) -> str:
 
 
 @lru_cache(maxsize=120)
-def _projection(zone: int, south: bool) -> pyproj.Proj:
-    return pyproj.Proj(proj="utm", zone=zone, south=south, ellps="WGS84")
+def _projection(zone: int, south: bool) -> pyproj.Transformer:
+    # Unlike a Proj a Transformer may be shared by threads.
+    side = "+south " if south else ""
+    return pyproj.Transformer.from_pipeline(
+        f"+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad +step +proj=utm +zone={zone} {side}+ellps=WGS84"
+    )
 
 
 def _sexagesimal(value_deg: float, width: int, sides: str) -> str:

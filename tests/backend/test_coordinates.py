@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import mgrs
 import pytest
@@ -74,3 +75,15 @@ def test_a_shorter_reference_names_the_cell_that_the_place_is_in() -> None:
 )
 def test_degrees_minutes_seconds(lat_deg: float, lon_deg: float, text: str) -> None:
     assert dms_of(lat_deg, lon_deg) == text
+
+
+def test_threads_do_not_disturb_each_other() -> None:
+    """Files are written in threads; neither library may mix up the zones of two places."""
+    expected = [(mgrs_of(*place), utm_of(*place)) for place in PLACES]
+
+    def work(turn: int) -> bool:
+        order = [(turn + step) % len(PLACES) for step in range(len(PLACES))] * 300
+        return all((mgrs_of(*PLACES[i]), utm_of(*PLACES[i])) == expected[i] for i in order)
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(work, range(8)))
