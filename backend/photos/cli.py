@@ -1,9 +1,8 @@
-"""``pilotage locate``: where was this photo taken from?"""
+"""``pilotage locate``: where was this photo taken from?  And the registration of this package's commands."""
 
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated
 
@@ -15,39 +14,56 @@ from rich.table import Table
 from backend.errors import StationError
 from backend.navigation.setup import read_camera_profile
 from backend.photos.exports import as_object, write_answers
-from backend.photos.hints import HintError, Hints, read_priors
+from backend.photos.hints import Hints, read_priors
+from backend.photos.options import (
+    Agl,
+    AltAmsl,
+    CameraFile,
+    Elevation,
+    GroundAlt,
+    Heading,
+    Hfov,
+    MapFile,
+    Near,
+    Pitch,
+    Priors,
+    Radius,
+    Roll,
+    Sigma,
+    UseExifGps,
+    given_hints,
+)
 from backend.photos.session import PhotoAnswer, PhotoSession
+from backend.photos.target_cli import locate_target
 from geodata.errors import GeodataError
 from geodata.photo import photos_in
 
 
 def register(app: typer.Typer) -> None:
-    """Add the command to the application."""
+    """Add the commands to the application."""
     app.command("locate", epilog="Example: pilotage locate IMG_0518.jpg --map ortho.tif --near 41.035,-83.305 "
                 "--radius 100 --agl 63 --hfov 70")(locate_photos)  # fmt: skip
+    app.command("target", epilog="Example: pilotage target IMG_0518.jpg --pixel 1210,655 --map ortho.tif "
+                "--elevation dtm.tif --near 41.035,-83.305 --agl 63 --hfov 70")(locate_target)  # fmt: skip
 
 
 def locate_photos(
     photos: Annotated[list[Path], typer.Argument(help="Pictures, or folders of pictures.", show_default=False)],
-    map: Annotated[Path, typer.Option(help="Georeferenced imagery.", show_default=False)],
-    elevation: Annotated[Path | None, typer.Option(help="Heights of the ground; level ground without.")] = None,
-    near: Annotated[
-        str | None, typer.Option("--near", "--at", help="LAT,LON where to look; the whole map without.")
-    ] = None,
-    radius: Annotated[float | None, typer.Option(help="How far from there at most, metres  [100]")] = None,
-    sigma: Annotated[float | None, typer.Option(help="Or its standard deviation on each axis, metres.")] = None,
-    agl: Annotated[float | None, typer.Option(help="Height above ground, metres.")] = None,
-    alt_amsl: Annotated[float | None, typer.Option(help="Or altitude above sea level, metres.")] = None,
-    ground_alt: Annotated[float | None, typer.Option(help="Altitude of level ground above sea level.")] = None,
-    heading: Annotated[float | None, typer.Option(help="Where the picture's top points; unknown without.")] = None,
-    pitch: Annotated[float | None, typer.Option(help="-90 looks straight down.")] = None,
-    roll: Annotated[float | None, typer.Option(help="Of the gimbal.")] = None,
-    hfov: Annotated[float | None, typer.Option(help="Field of view from left to right, degrees.")] = None,
-    camera: Annotated[Path | None, typer.Option(help="Or a camera file: flight.json or its camera section.")] = None,
-    priors: Annotated[Path | None, typer.Option(help="CSV with any of these for each photo.")] = None,
-    use_exif_gps: Annotated[
-        bool, typer.Option("--use-exif-gps", help="Look about the position in the photo's own file.")
-    ] = False,
+    map: MapFile,
+    elevation: Elevation = None,
+    near: Near = None,
+    radius: Radius = None,
+    sigma: Sigma = None,
+    agl: Agl = None,
+    alt_amsl: AltAmsl = None,
+    ground_alt: GroundAlt = None,
+    heading: Heading = None,
+    pitch: Pitch = None,
+    roll: Roll = None,
+    hfov: Hfov = None,
+    camera: CameraFile = None,
+    priors: Priors = None,
+    use_exif_gps: UseExifGps = False,
     out: Annotated[
         Path | None, typer.Option(help="Write all answers to a .csv, or the accepted to a .geojson file.")
     ] = None,
@@ -61,17 +77,7 @@ def locate_photos(
     console = Console(stderr=True)
     if out is not None and out.suffix.lower() not in (".csv", ".geojson", ".json"):
         raise typer.BadParameter(f"--out {out}: the name must end in .csv or .geojson")
-    if camera is not None and hfov is not None:
-        raise typer.BadParameter("give --hfov or --camera, not both")
-    if radius is not None and sigma is not None:
-        raise typer.BadParameter("give --radius or --sigma, not both")
-    if agl is not None and alt_amsl is not None:
-        raise typer.BadParameter("give --agl or --alt-amsl, not both")
-    lat_deg, lon_deg = _position(near)
-    try:
-        given = Hints(lat_deg, lon_deg, radius, sigma, agl, alt_amsl, heading, pitch, roll, hfov)
-    except HintError as error:
-        raise typer.BadParameter(str(error)) from None
+    given = given_hints(near, radius, sigma, agl, alt_amsl, heading, pitch, roll, hfov, camera)
     try:
         answers = _answers(photos, map, elevation, ground_alt, camera, priors, given, use_exif_gps, as_json, console)
         if out is not None:
@@ -108,18 +114,6 @@ def _answers(
     finally:
         session.close()
     return answers
-
-
-def _position(text: str | None) -> tuple[float | None, float | None]:
-    if text is None:
-        return None, None
-    try:
-        lat, lon = (float(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"--near '{text}' is not LAT,LON in degrees, such as 41.0350,-83.3051") from None
-    if not (math.isfinite(lat) and math.isfinite(lon)):
-        raise typer.BadParameter(f"--near '{text}' is not LAT,LON in degrees")
-    return lat, lon
 
 
 def _print_table(answers: list[PhotoAnswer]) -> None:

@@ -110,19 +110,26 @@ class PhotoSession:
     def answer(self, path: Path, hints: Hints, use_exif_gps: bool = False) -> PhotoAnswer:
         """Locate one photo; what is wrong with it is an answer, too."""
         started = time.perf_counter()
-        found: Located | NotLocated = NotLocated("nothing was tried")
         try:
-            for attempt in self.attempts(path, hints, use_exif_gps):
-                tried = attempt.locate(self.frame.alt_m)
-                if isinstance(found, NotLocated) or (isinstance(tried, Located) and tried.accepted):
-                    found = tried
-                if isinstance(found, Located) and found.accepted:
-                    break
+            _, found = self.found(path, hints, use_exif_gps)
         except (PhotoError, RasterError, HintError, FlightFolderError) as error:
             return PhotoAnswer(path.name, False, str(error), _since_ms(started), failed=True)
         if isinstance(found, NotLocated):
             return PhotoAnswer(path.name, False, found.reason, _since_ms(started))
-        return self._in_degrees(path.name, found, _since_ms(started))
+        return self.in_degrees(path.name, found, _since_ms(started))
+
+    def found(
+        self, path: Path, hints: Hints, use_exif_gps: bool = False
+    ) -> tuple[Attempt | None, Located | NotLocated]:
+        """The first attempt that was accepted and what it found, else the first; raises as ``attempts`` does."""
+        best: tuple[Attempt | None, Located | NotLocated] = None, NotLocated("nothing was tried")
+        for attempt in self.attempts(path, hints, use_exif_gps):
+            tried = attempt.locate(self.frame.alt_m)
+            if isinstance(best[1], NotLocated) or (isinstance(tried, Located) and tried.accepted):
+                best = attempt, tried
+            if isinstance(best[1], Located) and best[1].accepted:
+                break
+        return best
 
     def attempts(self, path: Path, hints: Hints, use_exif_gps: bool = False) -> Iterator[Attempt]:
         """What there is to try with a photo, the likeliest first.
@@ -248,13 +255,23 @@ class PhotoSession:
             self._grids[key] = self._imagery.grid(self.frame, gsd_m, bounds)
         return self._grids[key]
 
-    def _in_degrees(self, name: str, found: Located, elapsed_ms: float) -> PhotoAnswer:
+    @property
+    def has_datum(self) -> bool:
+        """Whether heights are above sea level: by elevation, or the altitude of level ground."""
+        return self._terrain is not None
+
+    @property
+    def has_elevation(self) -> bool:
+        """Whether the ground's shape is known."""
+        return self._elevation is not None
+
+    def in_degrees(self, name: str, found: Located, elapsed_ms: float) -> PhotoAnswer:
+        """An answer in degrees."""
         lat, lon, alt = self.frame.geodetic_from_ned(found.pose.pos_ned_m)
         ellipse = ellipse95(found.cov_ne_m2)
-        has_datum = self._terrain is not None
         return PhotoAnswer(
             name, found.accepted, found.reason, elapsed_ms, math.degrees(float(lat)), math.degrees(float(lon)),
-            float(alt) if has_datum else None, math.degrees(found.heading_rad),
+            float(alt) if self.has_datum else None, math.degrees(found.heading_rad),
             math.sqrt(found.cov_ne_m2[0, 0]), math.sqrt(found.cov_ne_m2[1, 1]), float(found.cov_ne_m2[0, 1]),
             ellipse.semi_major_m, ellipse.semi_minor_m, ellipse.azimuth_deg, found.evidence.similarity,
             found.outlier_probability, found.source,

@@ -50,16 +50,22 @@ class LocateConfig:
 @dataclass(frozen=True, slots=True, eq=False)
 class Located:
     """An answer. ``cov_ne_m2`` (2, 2) is of the camera's horizontal position if the place is right; ``reason`` says
-    why it is not ``accepted``."""
+    why it is not ``accepted``. ``cov_pose`` (6, 6) is of the whole pose, position NED, then rotation about the NED
+    axes, and its first block is ``cov_ne_m2``."""
 
     accepted: bool
     reason: str
     pose: CameraPose
     heading_rad: float
-    cov_ne_m2: Float
+    cov_pose: Float
     outlier_probability: float
     evidence: Evidence
     source: str
+
+    @property
+    def cov_ne_m2(self) -> Float:
+        """Covariance (2, 2) of the camera's horizontal position."""
+        return self.cov_pose[:2, :2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +155,7 @@ def _answer(
 
 
 def _covariance(best: Confirmed, ground: Ground, prior: PosePrior, config: LocateConfig) -> Float:
-    """Horizontal covariance (2, 2) of the camera: picture, prior of height and tilt, and the map's own error."""
+    """Covariance (6, 6) of the camera's pose: picture, prior of height and tilt, and the map's own error."""
     spread = prior.covariance()
     spread[5, 5] = min(spread[5, 5], prior.heading_std_rad**2)
     information = np.asarray(np.linalg.inv(spread), dtype=np.float64)
@@ -163,6 +169,7 @@ def _covariance(best: Confirmed, ground: Ground, prior: PosePrior, config: Locat
     J = ground_point_by_pose(slope, np.asarray(height_m))
     own_m = config.gsd_share * best.gsd_m
     information = information + J.T @ J / own_m**2
-    cov = np.linalg.inv(information)[:2, :2]
+    cov = np.asarray(np.linalg.inv(information), dtype=np.float64)
     aside_m = config.ground_slope_std * height_m
-    return np.asarray(cov + np.eye(2) * (config.map_std_m**2 + aside_m**2), dtype=np.float64)
+    cov[:2, :2] += np.eye(2) * (config.map_std_m**2 + aside_m**2)
+    return cov

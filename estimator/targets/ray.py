@@ -61,35 +61,60 @@ def locate_ray(
     GeometryError
         The pixel lies outside the picture or the lens model, or its ray meets no ground within ``max_range_m``.
     """
-    if not bool(camera.contains(uv_px)):
-        message = f"pixel ({uv_px[0]:g}, {uv_px[1]:g}) lies outside the {camera.width_px} x {camera.height_px} picture"
-        raise GeometryError(message)
-    ray_camera = camera.rays(np.asarray(uv_px, dtype=np.float64))
-    if not np.isfinite(ray_camera).all():
-        message = "the pixel lies outside the lens model"
-        raise GeometryError(message)
-    ray = matrix_from_q(state.q_ned_from_camera) @ ray_camera
-    origin = state.pos_ned_m
+    below = float(state.pos_ned_m[2] + state.alt_agl_m)
+    ned_from_camera = matrix_from_q(state.q_ned_from_camera)
+    return cut_ray(
+        state.pos_ned_m, ned_from_camera, state.cov_camera_pose, camera, uv_px, ground, frame, ground_std_m,
+        pixel_std_px, height_above_ground_m, max_range_m, below,
+    )  # fmt: skip
+
+
+def cut_ray(
+    pos_ned_m: Float, ned_from_camera: Float, cov_camera_pose: Float, camera: Camera, uv_px: tuple[float, float],
+    ground: GroundModel, frame: LocalFrame, ground_std_m: float, pixel_std_px: float = 1.0,
+    height_above_ground_m: float = 0.0, max_range_m: float = 3000.0, level_down_m: float = np.nan,
+) -> RayTarget:  # fmt: skip
+    """The same for a camera pose: position NED (3,), rotation (3, 3) and their covariance (6, 6).
+
+    ``level_down_m`` is the NED down of level ground for where the terrain is unknown; without it that is refused.
+    Raises GeometryError as ``locate_ray`` does.
+    """
+    ray = ned_from_camera @ pixel_ray(camera, uv_px)
 
     def down_at(north_m: Float, east_m: Float) -> Float:
         down: Float = frame.alt_m - ground.alt_amsl_m(north_m, east_m) - height_above_ground_m
         return down
 
-    point = intersect_terrain(origin, ray, down_at, max_range_m)
+    point = intersect_terrain(pos_ned_m, ray, down_at, max_range_m)
     method = "ray_terrain"
     if not np.isfinite(point).all():
-        below = state.pos_ned_m[2] + state.alt_agl_m - height_above_ground_m
-        point = intersect_plane(origin, ray, float(below))
+        point = intersect_plane(pos_ned_m, ray, level_down_m - height_above_ground_m)
         method = "ray_flat"
-    if not np.isfinite(point).all() or np.linalg.norm(point - origin) > max_range_m:
-        message = f"the pixel's ray meets no ground within {max_range_m:g} m: it looks at or above the horizon"
-        raise GeometryError(message)
+    if not np.isfinite(point).all() or np.linalg.norm(point - pos_ned_m) > max_range_m:
+        raise GeometryError(no_ground(max_range_m))
     slope = _slope(point, down_at) if method == "ray_terrain" else np.zeros(2)
     cov = ground_point_covariance(
-        origin, ray, point, slope, state.cov_camera_pose, pixel_std_px / camera.fx_px, ground_std_m
+        pos_ned_m, ray, point, slope, cov_camera_pose, pixel_std_px / camera.fx_px, ground_std_m
     )
     lat, lon, alt = frame.geodetic_from_ned(point)
     return RayTarget(float(lat), float(lon), float(alt), point, cov, method)
+
+
+def pixel_ray(camera: Camera, uv_px: tuple[float, float]) -> Float:
+    """The unit ray (3,) of a pixel in the camera frame; GeometryError where picture or lens do not reach there."""
+    if not bool(camera.contains(uv_px)):
+        message = f"pixel ({uv_px[0]:g}, {uv_px[1]:g}) lies outside the {camera.width_px} x {camera.height_px} picture"
+        raise GeometryError(message)
+    ray = camera.rays(np.asarray(uv_px, dtype=np.float64))
+    if not np.isfinite(ray).all():
+        message = "the pixel lies outside the lens model"
+        raise GeometryError(message)
+    return ray
+
+
+def no_ground(max_range_m: float) -> str:
+    """What to say of a ray that goes on and on."""
+    return f"the pixel's ray meets no ground within {max_range_m:g} m: it looks at or above the horizon"
 
 
 def _slope(point_ned_m: Float, down_at: DownAt) -> Float:
