@@ -14,6 +14,7 @@ the last two keyframes.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -28,6 +29,8 @@ STATE_GROUPS = (
     "attitude_bias", "ground_bias", "map_bias", "map_offset", "clone_position", "clone_rotation",
     "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
+_MOTION = 9
+"""Position, velocity and attitude: always there, and first."""
 _SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_offset": 2}
 
 
@@ -117,6 +120,14 @@ class Nominal:
     keyframe: Clone | None = None
     structure_m: Float = field(default_factory=lambda: np.zeros(3))
 
+    def moved(self, motion: Motion, forgotten: _Forgotten, attitude_bias_rad: Float) -> Nominal:
+        """After a step. Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs."""
+        return Nominal(
+            motion, self.accelerometer_bias_m_s2, self.gyroscope_bias_rad_s, self.barometer_bias_m, self.boresight_rad,
+            attitude_bias_rad, self.ground_biases_m * forgotten.ground, self.map_bias_ne_m * forgotten.map,
+            self.map_offset_ne_m, self.clone, self.keyframe, self.structure_m,
+        )  # fmt: skip
+
     @property
     def ground_bias_m(self) -> float:
         """How far what is seen lies below the ground model."""
@@ -141,6 +152,13 @@ class ErrorStateFilter:
         self.earth = earth
         self.noise = noise
         self._bias_noise = self._slow_noise_density()
+        # rows of F without what a reading tells; of velocity in position still to be times the step
+        self._unread = np.eye(_MOTION, layout.size)
+        self._unread[:3, 3:6] = np.eye(3)
+        self._frame_turn = skew(earth.rate_ned_rad_s)
+        self._motion_noise = self._bias_noise.copy()
+        self._motion_noise[layout.slices["velocity"]] = noise.accelerometer_m_s2_rt_s**2
+        self._motion_noise[layout.slices["attitude"]] = noise.gyroscope_rad_rt_s**2
         self.map_bias_std_m = 1.0
 
     def _slow_noise_density(self) -> Float:
@@ -165,35 +183,26 @@ class ErrorStateFilter:
         force = specific_force_body_m_s2 - self.nominal.accelerometer_bias_m_s2
         ned_from_body = matrix_from_q(self.nominal.motion.q_ned_from_body)
         index = self.layout.slices
-        F = np.eye(self.layout.size)
+        F = self._unread.copy()
         p, v, a = index["position"], index["velocity"], index["attitude"]
         velocity_by_attitude = -skew(ned_from_body @ force) * dt_s
-        F[p, v].flat[::4] = dt_s
+        F[p, v] *= dt_s
         F[p, a] = velocity_by_attitude * (0.5 * dt_s)
         F[v, a] = velocity_by_attitude
-        F[a, a] -= skew(self.earth.rate_ned_rad_s) * dt_s
+        F[a, a] -= self._frame_turn * dt_s
         if "accelerometer_bias" in index:
             F[v, index["accelerometer_bias"]] = -ned_from_body * dt_s
         if "gyroscope_bias" in index:
             F[a, index["gyroscope_bias"]] = -ned_from_body * dt_s
-        self._decay_attitude_bias(F, dt_s)
-        forgotten = self._forget_ground(F, dt_s)
-        self.P = F @ self.P @ F.T
+        attitude_bias_kept = math.exp(-dt_s / self.noise.attitude_bias_time_s)
+        forgotten = self._forgotten(dt_s)
+        self._advance(F, self._kept(forgotten, attitude_bias_kept))
         diagonal = np.einsum("ii->i", self.P)
-        diagonal += self._bias_noise * dt_s
+        diagonal += self._motion_noise * dt_s
         self._renew_ground(diagonal, forgotten)
-        force_noise = self.noise.accelerometer_m_s2_rt_s**2
-        diagonal[v] += force_noise * dt_s
-        diagonal[p] += force_noise * dt_s**3 / 3.0
-        diagonal[a] += self.noise.gyroscope_rad_rt_s**2 * dt_s
+        diagonal[p] += self.noise.accelerometer_m_s2_rt_s**2 * dt_s**3 / 3.0
         motion = propagate(self.nominal.motion, rate, force, dt_s, self.earth)
-        self.nominal = replace(
-            self.nominal,
-            motion=motion,
-            attitude_bias_rad=self._decayed_bias(dt_s),
-            ground_biases_m=self.nominal.ground_biases_m * forgotten.ground,
-            map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
-        )
+        self.nominal = self.nominal.moved(motion, forgotten, self.nominal.attitude_bias_rad * attitude_bias_kept)
 
     def predict_attitude_driven(
         self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
@@ -206,11 +215,11 @@ class ErrorStateFilter:
         index = self.layout.slices
         p, v, a = index["position"], index["velocity"], index["attitude"]
         decay = float(np.exp(-dt_s / attitude_time_s))
-        F = np.eye(self.layout.size)
-        F[p, v].flat[::4] = dt_s
+        F = self._unread.copy()
+        F[p, v] *= dt_s
         F[a, a] *= decay
-        forgotten = self._forget_ground(F, dt_s)
-        self.P = F @ self.P @ F.T
+        forgotten = self._forgotten(dt_s)
+        self._advance(F, self._kept(forgotten))
         diagonal = np.einsum("ii->i", self.P)
         diagonal += self._bias_noise * dt_s
         self._renew_ground(diagonal, forgotten)
@@ -220,27 +229,43 @@ class ErrorStateFilter:
         diagonal[a] += np.square(attitude_std_rad) * (1.0 - decay**2)
         motion = self.nominal.motion
         pos = motion.pos_ned_m + motion.vel_ned_m_s * dt_s
-        self.nominal = replace(
-            self.nominal,
-            motion=Motion(pos, motion.vel_ned_m_s, q_ned_from_body),
-            ground_biases_m=self.nominal.ground_biases_m * forgotten.ground,
-            map_bias_ne_m=self.nominal.map_bias_ne_m * forgotten.map,
+        moved = Motion(pos, motion.vel_ned_m_s, q_ned_from_body)
+        self.nominal = self.nominal.moved(moved, forgotten, self.nominal.attitude_bias_rad)
+
+    def _advance(self, F: Float, kept: Float) -> None:
+        """Make P that of a step: F (9, size) are the rows of position, velocity and attitude.
+
+        Every other state keeps a share (size,) of itself and nothing else, so that the product of whole matrices, most
+        of what a prediction costs, is not needed.
+        """
+        rows = F @ self.P
+        P = self.P * kept
+        P *= kept[:, None]
+        P[:_MOTION] = rows * kept
+        P[:, :_MOTION] = P[:_MOTION].T
+        P[:_MOTION, :_MOTION] = rows @ F.T
+        self.P = P
+
+    def _forgotten(self, dt_s: float) -> _Forgotten:
+        """Let the errors of ground model and imagery fade with the distance flown; in a hover they stay."""
+        north, east, _ = self.nominal.motion.vel_ned_m_s.tolist()
+        distance_m = math.hypot(north, east) * dt_s
+        noise = self.noise
+        return _Forgotten(
+            ground=np.array([math.exp(-distance_m / length_m) for length_m in noise.ground_bias_length_m]),
+            map=math.exp(-distance_m / noise.map_bias_length_m),
         )
 
-    def _forget_ground(self, F: Float, dt_s: float) -> _Forgotten:
-        """Let the errors of ground model and imagery fade with the distance flown; in a hover they stay."""
-        north, east, _ = self.nominal.motion.vel_ned_m_s
-        distance_m = float(np.hypot(north, east)) * dt_s
-        noise = self.noise
-        forgotten = _Forgotten(
-            ground=np.exp(-distance_m / np.array(noise.ground_bias_length_m)),
-            map=float(np.exp(-distance_m / noise.map_bias_length_m)),
-        )
-        for name, decay in (("ground_bias", forgotten.ground), ("map_bias", forgotten.map)):
-            where = self.layout.slices.get(name)
-            if where is not None:
-                np.einsum("ii->i", F[where, where])[:] *= decay
-        return forgotten
+    def _kept(self, forgotten: _Forgotten, attitude_bias: float = 1.0) -> Float:
+        """Share (size,) of itself that each slow state keeps."""
+        kept = np.ones(self.layout.size)
+        part = self.layout.slices
+        for name, share in (
+            ("attitude_bias", attitude_bias), ("ground_bias", forgotten.ground), ("map_bias", forgotten.map)
+        ):  # fmt: skip
+            if name in part:
+                kept[part[name]] = share
+        return kept
 
     def _renew_ground(self, diagonal: Float, forgotten: _Forgotten) -> None:
         stds = (
@@ -251,15 +276,6 @@ class ErrorStateFilter:
             where = self.layout.slices.get(name)
             if where is not None:
                 diagonal[where] += np.square(std_m) * (1.0 - np.square(decay))
-
-    def _decay_attitude_bias(self, F: Float, dt_s: float) -> None:
-        where = self.layout.slices.get("attitude_bias")
-        if where is not None:
-            F[where, where] *= np.exp(-dt_s / self.noise.attitude_bias_time_s)
-
-    def _decayed_bias(self, dt_s: float) -> Float:
-        decayed: Float = self.nominal.attitude_bias_rad * np.exp(-dt_s / self.noise.attitude_bias_time_s)
-        return decayed
 
     def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
         """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).
