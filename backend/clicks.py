@@ -8,6 +8,8 @@ import uuid
 
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError, NoGroundError, NoStateForFrameError
+from backend.evidence.collect import Sighting
+from backend.evidence.ground import WatchedGround
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.vehicle import VehicleView
 from backend.navigation.setup import NavigationSetup
@@ -33,8 +35,8 @@ def typed_target(body: NewTarget) -> Target:
     )  # fmt: skip
 
 
-async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIdentity) -> Target:
-    """What a pixel of a frame shows, with the state at that frame's exposure.
+async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIdentity) -> Sighting:
+    """What a pixel of a frame shows, with the state at that frame's exposure: the target and what it comes from.
 
     Raises
     ------
@@ -57,20 +59,21 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIden
     if state.mode is Mode.LOST:
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "the estimator was lost then")
     try:
-        found = await asyncio.to_thread(_locate, state, setup, uv_px)
+        found, ground = await asyncio.to_thread(_locate, state, setup, uv_px)
     except GeometryError as error:
         raise NoGroundError(body.u_px, body.v_px, str(error)) from None
     now_us = unix_us()
     cov = found.cov_ned_m2
     assumption = vehicle.assumption_at(t_us)
     method = found.method if assumption is None else f"{found.method}, {assumption}"
-    return Target(
+    target = Target(
         id=str(uuid.uuid4()), name=body.name or "", lat_deg=math.degrees(found.lat_rad),
         lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=method,
         created_unix_us=now_us, updated_unix_us=now_us, vehicle_id=vehicle.id, frame_id=frame.frame_id,
         t_unix_us=t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
         var_d_m2=float(cov[2, 2]), cov_ne_m2=float(cov[0, 1]),
     )  # fmt: skip
+    return Sighting(target, frame, state, setup, uv_px, CLICK_STD_PX, ground, found, assumption)
 
 
 def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: NavigationSetup) -> tuple[float, float]:
@@ -91,8 +94,12 @@ def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: Navigati
     return (u_px + 0.5) * scale_u - 0.5, (v_px + 0.5) * scale_v - 0.5
 
 
-def _locate(state: NavigationState, setup: NavigationSetup, uv_px: tuple[float, float]) -> RayTarget:
-    return locate_ray(
-        state, setup.camera, uv_px, setup.ground, setup.frame,
+def _locate(
+    state: NavigationState, setup: NavigationSetup, uv_px: tuple[float, float]
+) -> tuple[RayTarget, WatchedGround]:
+    ground = WatchedGround(setup.ground)
+    found = locate_ray(
+        state, setup.camera, uv_px, ground, setup.frame,
         ground_std_m=setup.ground_std_m, pixel_std_px=CLICK_STD_PX,
     )  # fmt: skip
+    return found, ground

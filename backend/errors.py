@@ -12,6 +12,9 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
   NoGroundError         the ray of a click meets no ground
+  NoEvidenceError       nothing proves the coordinate that the target has
+  BundleError           evidence that cannot be read or believed
+  TargetNotKeptError    the target or its evidence could not be written: neither is kept
   TargetChangedError    the target has another version than the request expects
   ConflictError         the request does not fit the present state of the station
   CommandRefusedError   the vehicle cannot be given this command now
@@ -126,6 +129,35 @@ class TargetChangedError(StationError):
         super().__init__(f"target '{target_id}' has version {version} by now: fetch it again, then repeat the change")
 
 
+class NoEvidenceError(StationError):
+    """Nothing proves the coordinate that the target has."""
+
+    def __init__(self, target_id: str, reason: str) -> None:
+        self.target_id = target_id
+        self.reason = reason
+        super().__init__(f"no evidence for the coordinate of target '{target_id}': {reason}")
+
+
+class BundleError(StationError):
+    """Evidence that cannot be read or believed: ``name`` of the file and ``reason``."""
+
+    def __init__(self, name: str, reason: str) -> None:
+        self.name = name
+        self.reason = reason
+        super().__init__(f"{name}: {reason}")
+
+
+class TargetNotKeptError(StationError):
+    """The target or its evidence could not be written: neither is kept."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(
+            f"the target was not kept, because the data folder cannot be written: {reason}; "
+            "make room or mend the folder's rights, then click again"
+        )
+
+
 class ConflictError(StationError):
     """The request does not fit the present state of the station."""
 
@@ -151,6 +183,8 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    NoEvidenceError: HTTPStatus.NOT_FOUND,
+    TargetNotKeptError: HTTPStatus.INSUFFICIENT_STORAGE,
     TargetChangedError: HTTPStatus.PRECONDITION_FAILED,
     ConflictError: HTTPStatus.CONFLICT,
     CommandRefusedError: HTTPStatus.CONFLICT,

@@ -180,6 +180,11 @@ class StationMaps:
                 continue
         return False
 
+    def record_of(self, path: Path) -> MapRecord | None:
+        """The map whose raster in the library a file is, None for any other file."""
+        record = self._records.get(path.parent.name)
+        return record if record is not None and path.parent.parent == self.library.folder else None
+
     def close(self) -> None:
         """Release all files."""
         for tiles in self._tiles.values():

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import structlog
+from sqlalchemy.exc import SQLAlchemyError
 
 from backend.alarms import Alarm, AlarmBoard
 from backend.clicks import clicked_target, typed_target
@@ -23,13 +24,16 @@ from backend.errors import (
     ConflictError,
     InvalidRequestError,
     StationError,
+    TargetNotKeptError,
     UnknownSourceError,
     UnknownVehicleError,
 )
+from backend.evidence.collect import Sighting
+from backend.evidence.keeper import EvidenceKeeper
 from backend.exports.sender import CotSender
 from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
-from backend.fleet.feed import FrameIdentity, VideoFeed
+from backend.fleet.feed import VideoFeed
 from backend.fleet.fleet import Fleet
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
@@ -71,6 +75,7 @@ class Station:
         self.metrics = Metrics()
         self.maps = StationMaps(settings.data_dir / "maps")
         self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
+        self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
         self.fleet = Fleet(
             settings.estimator_delay_ms * 1000, self.hub.publish,
@@ -115,6 +120,7 @@ class Station:
             self._database = await Database.open(self.settings.data_dir / "station.db")
             self._targets = await TargetStore.load(self._database)
             self._target_names = len(self._targets.all())
+            await self.evidence.tidy([target.id for target in self._targets.all()])
             await self.maps.choose(self.settings.map)
             self.links = [
                 LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
@@ -253,7 +259,7 @@ class Station:
     async def create_target(self, body: NewTarget) -> Target:
         """Locate a click, or take coordinates, and keep the target; when this returns it is on the disk."""
         started_us = mono_us()
-        frame: FrameIdentity | None = None
+        sighting: Sighting | None = None
         if body.frame_id is None and body.u_px is None and body.v_px is None:
             target = typed_target(body)
         else:
@@ -262,17 +268,27 @@ class Station:
             if body.frame_id is None:
                 raise InvalidRequestError("a click needs frame_id, u_px and v_px")
             vehicle = self.vehicle(body.vehicle_id)
-            frame = self.feed(vehicle.video_source or "").identify(body.frame_id)
-            target = await clicked_target(body, vehicle, frame)
+            feed = self.feed(vehicle.video_source or "")
+            sighting = await clicked_target(body, vehicle, feed.identify(body.frame_id))
+            target = sighting.target
+            await self.evidence.keep(sighting, feed)
         self._target_names += 1
         target = replace(target, name=target.name or f"Target {self._target_names}")
-        await self.targets.add(target)
+        await self._keep_row(target)
         self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
-        if frame is not None and target.vehicle_id in self.fleet.vehicles:
-            self.recorder.click(ClickRow(frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
+        if sighting is not None and target.vehicle_id in self.fleet.vehicles:
+            self.recorder.click(ClickRow(sighting.frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
         self.cot.changed(target)
         self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
         return target
+
+    async def _keep_row(self, target: Target) -> None:
+        try:
+            await self.targets.add(target)
+        except SQLAlchemyError as error:
+            await self.evidence.discard(target.id)
+            raise TargetNotKeptError(f"database: {getattr(error, 'orig', None) or error}") from None
+        await self.evidence.confirm(target.id)
 
     async def change_target(self, target_id: str, change: TargetChange, version: int | None) -> Target:
         """Change a target and tell everybody."""
@@ -283,7 +299,16 @@ class Station:
 
     async def delete_target(self, target_id: str, version: int | None) -> None:
         """Remove a target and tell everybody."""
-        self.cot.deleted(await self.targets.delete(target_id, version))
+        async with self.evidence.changing:
+            self.targets.get(target_id)
+            await self.evidence.before_deletion(target_id)
+            try:
+                gone = await self.targets.delete(target_id, version)
+            except BaseException:
+                await self.evidence.not_deleted(target_id)
+                raise
+            await self.evidence.deleted(target_id)
+        self.cot.deleted(gone)
         self.hub.publish("target", action="deleted", target=target_id)
 
     async def import_map(self, path: Path, name: str, kind: MapKind | None) -> MapBody:
@@ -404,6 +429,7 @@ class Station:
         else:
             self._setup_problem.pop(vehicle.id, None)
             vehicle.navigate(replace(setup, place_known=known))
+            self._in_background(self.evidence.prepare(setup))
             self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
         finally:
             self._placing.discard(vehicle.id)

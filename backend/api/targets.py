@@ -12,6 +12,7 @@ from fastapi import APIRouter, Depends, Header, Query, Response
 from backend.api.access import the_station
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError
+from backend.evidence.bundle import pack
 from backend.exports.formats import FORMATS, file_name
 from backend.schemas.geometry import (
     NewTarget,
@@ -29,6 +30,7 @@ router = APIRouter(prefix="/api/v1/targets", tags=["targets"])
 TheStation = Annotated[Station, Depends(the_station)]
 IfMatch = Annotated[str | None, Header(description="The ETag that the target must still have")]
 
+ZIP, JSON = "application/zip", "application/json"
 _FILES: dict[int | str, dict[str, Any]] = {
     200: {"content": {kind.media_type.partition(";")[0]: {} for kind in FORMATS.values()}}
 }
@@ -71,11 +73,38 @@ async def get_target(target_id: str, station: TheStation, response: Response) ->
     return feature_of_target(target)
 
 
+@router.get(
+    "/{target_id}/evidence", response_class=Response,
+    responses={200: {"content": {ZIP: {}, JSON: {}}, "description": "A zip, or its evidence.json alone"}},
+)  # fmt: skip
+async def get_evidence(
+    target_id: str,
+    station: TheStation,
+    version: Annotated[int | None, Query(description="The target's version whose coordinate is in question")] = None,
+    accept: Annotated[str, Header(description="application/json gives evidence.json alone")] = ZIP,
+) -> Response:
+    """What the target's coordinate was computed from, for ``pilotage verify``: a zip, or its JSON without the picture.
+
+    A target that was typed in or moved has none. That of before a move is found by its ``version``.
+    """
+    bundle = await station.evidence.bundle(station.targets.get(target_id), version)
+    name = f"target-{target_id}-{bundle.evidence.target.version}"
+    headers = {
+        "Pilotage-Evidence": "proves the coordinate" if bundle.status is None else "superseded",
+        "Vary": "Accept",
+    }
+    if preferred(accept, (ZIP, JSON)) == JSON:
+        headers["Content-Disposition"] = f'attachment; filename="{name}.json"'
+        return Response(bundle.document, media_type=JSON, headers=headers)
+    headers["Content-Disposition"] = f'attachment; filename="{name}.zip"'
+    return Response(pack(bundle.document, bundle.picture, bundle.status), media_type=ZIP, headers=headers)
+
+
 @router.patch("/{target_id}")
 async def change_target(
     target_id: str, body: TargetPatch, station: TheStation, response: Response, if_match: IfMatch = None
 ) -> TargetFeature:
-    """Rename or move a target."""
+    """Rename or move a target. The evidence of a click stays, but does not prove where it was moved to."""
     if (body.lat_deg is None) != (body.lon_deg is None):
         raise InvalidRequestError("a new position needs both lat_deg and lon_deg")
     position = None if body.lat_deg is None or body.lon_deg is None else (body.lat_deg, body.lon_deg)
@@ -89,6 +118,20 @@ async def change_target(
 async def delete_target(target_id: str, station: TheStation, if_match: IfMatch = None) -> None:
     """Remove a target."""
     await station.delete_target(target_id, _version(if_match))
+
+
+def preferred(accept: str, offered: tuple[str, ...]) -> str:
+    """The offered media type that an Accept header wants most (RFC 9110, section 12.5.1); the first of equals."""
+    weights: dict[str, float] = {}
+    for item in accept.split(","):
+        kind, *parameters = (part.strip().lower() for part in item.split(";"))
+        found = next((re.fullmatch(r"q=([01](?:\.\d{0,3})?)", p) for p in parameters if p.startswith("q=")), None)
+        weights[kind] = float(found.group(1)) if found else 1.0
+
+    def weight(kind: str) -> float:
+        return weights.get(kind, weights.get(kind.split("/", maxsplit=1)[0] + "/*", weights.get("*/*", 0.0)))
+
+    return max(offered, key=weight)
 
 
 def _etag(target: Target) -> str:

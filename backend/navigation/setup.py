@@ -7,6 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import ValidationError
@@ -48,6 +49,25 @@ class Place:
     alt_amsl_m: float
 
 
+@dataclass(frozen=True, slots=True)
+class FileUsed:
+    """A map or elevation file as it was when it was read; another size or time later is another file."""
+
+    role: Literal["reference", "elevation"]
+    path: Path
+    size_bytes: int
+    mtime_ns: int
+
+    @classmethod
+    def of(cls, role: Literal["reference", "elevation"], path: Path | None) -> FileUsed | None:
+        """A file as it is now, None when there is none."""
+        try:
+            now = None if path is None else path.stat()
+        except OSError:
+            return None
+        return None if path is None or now is None else cls(role, path, now.st_size, now.st_mtime_ns)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationSetup:
     """Everything a Navigator is built from, shared with whoever turns its states into coordinates.
@@ -56,7 +76,7 @@ class NavigationSetup:
     single point of the ground may be off; ``ground_bias_std_m`` over ``ground_bias_length_m`` what the filter is to
     learn of it, None what it assumes. ``time_offset_s`` is what was added to the times of pictures without stamps;
     where it is None the Navigator finds it. ``place_known`` is False where the local frame was laid into the map's
-    middle for want of a position: then the Navigator searches the map.
+    middle for want of a position: then the Navigator searches the map. ``files`` are those it was read from.
     """
 
     camera: Camera
@@ -72,6 +92,7 @@ class NavigationSetup:
     ground_bias_std_m: float | None = None
     ground_bias_length_m: float | None = None
     place_known: bool = True
+    files: tuple[FileUsed, ...] = ()
 
     def navigator(self, config: NavigatorConfig | None = None) -> Navigator:
         """A fresh Navigator, by a configuration of its own or the one that suits."""
@@ -158,6 +179,8 @@ def build_setup(
     ``here`` is where the vehicle is or was; its altitude is taken for the ground's where nothing better is known.
     """
     frame = _frame(maps.bounds_deg, here)
+    # Before they are read: what replaces them meanwhile must not pass for them.
+    files = FileUsed.of("reference", maps.reference), FileUsed.of("elevation", maps.elevation)
     reference = None
     if maps.reference is not None:
         reference = _reference(maps.reference, frame, profile.map.offset_ne_m if profile else (0.0, 0.0))
@@ -190,6 +213,7 @@ def build_setup(
         time_offset_s,
         bias_std_m,
         bias_length_m,
+        files=tuple(file for file in files if file is not None),
     )
 
 

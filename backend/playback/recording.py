@@ -19,7 +19,7 @@ from backend.link.events import (
 )
 from backend.link.link import VehicleLink
 from backend.link.tlog import running_forward
-from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
+from backend.navigation.setup import FileUsed, MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from backend.video.recorded import RecordedVideo
 from estimator.types import CameraAttitudeSample, GnssSample, HomeSample
 from geodata.flight import FlightFolder
@@ -179,4 +179,6 @@ def _setup(folder: FlightFolder, reader: _Reader) -> NavigationSetup | None:
         here = Place(reader.first_fix.lat_rad, reader.first_fix.lon_rad, reader.first_fix.alt_amsl_m)
     else:
         return None
-    return build_setup(profile_of_flight(folder.meta), MapFiles(None, None, folder.elevation_path, None), here)
+    setup = build_setup(profile_of_flight(folder.meta), MapFiles(None, None, folder.elevation_path, None), here)
+    reference = FileUsed.of("reference", folder.reference_path)
+    return setup if reference is None else replace(setup, files=(reference, *setup.files))

@@ -19,6 +19,7 @@ from estimator.ports import GroundModel
 from estimator.types import Float, NavigationState
 
 SLOPE_STEP_M = 2.0
+MAX_RANGE_M = 3000.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +36,8 @@ class RayTarget:
 
 def locate_ray(
     state: NavigationState, camera: Camera, uv_px: tuple[float, float], ground: GroundModel, frame: LocalFrame,
-    ground_std_m: float, pixel_std_px: float = 1.0, height_above_ground_m: float = 0.0, max_range_m: float = 3000.0,
+    ground_std_m: float, pixel_std_px: float = 1.0, height_above_ground_m: float = 0.0,
+    max_range_m: float = MAX_RANGE_M,
 ) -> RayTarget:  # fmt: skip
     """Coordinates of what a pixel shows.
 

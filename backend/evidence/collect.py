@@ -1,0 +1,125 @@
+"""From a click that was located to its evidence."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from backend.evidence.ground import WatchedGround, ground_part_of
+from backend.evidence.schema import (
+    CalibrationPart,
+    CameraPart,
+    ClickPart,
+    Evidence,
+    FileUsedPart,
+    FramePart,
+    FramePlacePart,
+    GroundPart,
+    MountPart,
+    PicturePart,
+    ProgramPart,
+    ResultPart,
+    StatePart,
+    TargetPart,
+)
+from backend.fleet.feed import FrameIdentity
+from backend.navigation.setup import NavigationSetup
+from backend.store.targets import Target
+from estimator.navigator_config import NavigatorConfig
+from estimator.targets.ray import MAX_RANGE_M, SLOPE_STEP_M, RayTarget
+from estimator.types import Float, NavigationState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sighting:
+    """A located click and what it was computed from. ``ground`` has seen where the computation looked."""
+
+    target: Target
+    frame: FrameIdentity
+    state: NavigationState
+    setup: NavigationSetup
+    camera_uv_px: tuple[float, float]
+    pixel_std_px: float
+    ground: WatchedGround
+    found: RayTarget
+    assumption: str | None
+
+
+def evidence_of(
+    sighting: Sighting, source: str, files: list[FileUsedPart], picture: bytes | None, version: str
+) -> Evidence:
+    """The evidence of a sighting on a frame of a video ``source``; ``version`` is the program's."""
+    target, frame, setup, found = sighting.target, sighting.frame, sighting.setup, sighting.found
+    camera, mount, place = setup.camera, setup.mount, setup.frame
+    u_px, v_px = sighting.camera_uv_px
+    return Evidence(
+        program=ProgramPart(name="pilotage", version=version),
+        target=TargetPart(id=target.id, version=target.version, created_unix_us=target.created_unix_us),
+        frame=FramePart(
+            vehicle_id=target.vehicle_id or "", source=source, frame_id=frame.frame_id,
+            t_unix_us=target.t_unix_us or frame.t_us, t_video_unix_us=frame.t_us, stamped=frame.stamped,
+            width_px=frame.width_px, height_px=frame.height_px,
+        ),
+        click=ClickPart(
+            u_px=target.u_px or 0.0, v_px=target.v_px or 0.0, camera_u_px=u_px, camera_v_px=v_px,
+            std_px=sighting.pixel_std_px,
+        ),
+        state=_state(sighting.state, sighting.assumption),
+        camera=CameraPart(
+            width_px=camera.width_px, height_px=camera.height_px, fx_px=camera.fx_px, fy_px=camera.fy_px,
+            cx_px=camera.cx_px, cy_px=camera.cy_px, distortion=list(camera.distortion),
+        ),
+        mount=MountPart(
+            gimbal=setup.gimbal, roll_rad=mount.roll_rad, pitch_rad=mount.pitch_rad, yaw_rad=mount.yaw_rad,
+            lever_arm_frd_m=mount.lever_arm_frd_m.tolist(),
+        ),
+        local_frame=FramePlacePart(lat_rad=place.lat_rad, lon_rad=place.lon_rad, alt_m=place.alt_m),
+        ground=GroundPart(
+            model=ground_part_of(sighting.ground, sighting.state.pos_ned_m, found.pos_ned_m), std_m=setup.ground_std_m,
+            target_height_m=0.0, slope_step_m=SLOPE_STEP_M, max_range_m=MAX_RANGE_M,
+        ),
+        files=files,
+        calibration=_calibration(sighting.state),
+        picture=_picture(picture),
+        result=ResultPart(
+            lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=float(found.alt_amsl_m),
+            pos_ned_m=found.pos_ned_m.tolist(), cov_ned_m2=_matrix(found.cov_ned_m2), ray_method=found.method,
+            method=target.method,
+        ),
+    )  # fmt: skip
+
+
+def _state(state: NavigationState, assumption: str | None) -> StatePart:
+    return StatePart(
+        t_unix_us=state.t_us, mode=str(state.mode), process_model=state.process_model, assumption=assumption,
+        lat_rad=float(state.lat_rad), lon_rad=float(state.lon_rad), alt_amsl_m=float(state.alt_amsl_m),
+        alt_agl_m=_known(state.alt_agl_m), pos_ned_m=state.pos_ned_m.tolist(),
+        vel_ned_m_s=[_known(value) for value in state.vel_ned_m_s],
+        q_ned_from_body=state.q_ned_from_body.tolist(), q_ned_from_camera=state.q_ned_from_camera.tolist(),
+        cov_pos_ned_m2=_matrix(state.cov_pos_ned_m2), cov_camera_pose=_matrix(state.cov_camera_pose),
+        last_fix_age_s=_known(state.last_fix_age_s), doubts=[str(doubt) for doubt in state.doubts],
+    )  # fmt: skip
+
+
+def _calibration(state: NavigationState) -> CalibrationPart | None:
+    if state.process_model == "recorded":
+        return None  # a table of estimates does not say with what it was made
+    calibration = NavigatorConfig().matcher.calibrated()
+    return CalibrationPart(channels=calibration.channel, version=calibration.version)
+
+
+def _picture(picture: bytes | None) -> PicturePart:
+    if picture is None:
+        return PicturePart(file=None, sha256=None, problem="the picture was no longer held, or could not be decoded")
+    return PicturePart(file="frame.jpg", sha256=hashlib.sha256(picture).hexdigest(), problem=None)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _matrix(values: Float) -> list[list[float | None]]:
+    return [[_known(value) for value in row] for row in np.asarray(values, dtype=np.float64)]

@@ -1,0 +1,164 @@
+"""A target's coordinate computed again from its evidence, by the estimator's own function."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from backend.errors import BundleError
+from backend.evidence.ground import ground_model_of
+from backend.evidence.schema import Evidence
+from estimator.errors import GeometryError
+from estimator.geometry.camera import Camera
+from estimator.geometry.local import LocalFrame
+from estimator.targets.ray import RayTarget, locate_ray
+from estimator.types import Float, Mode, NavigationState
+
+# Far below what a coordinate of eight decimals tells, far above what another machine's arithmetic changes.
+TOLERANCE_M = 1e-3
+COV_TOLERANCE = 1e-6
+CAMERA_PIXEL_TOLERANCE_PX = 1e-6
+# Estimates are recorded with eight digits: as much may be missing of a covariance that is nearly singular.
+EIGENVALUE_TOLERANCE = 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """What came out. ``distance_m`` is from the stated coordinate to the recomputed, ``distance_sigmas`` by its
+    covariance (Mahalanobis), ``cov_change`` the largest difference of covariances over the largest variance.
+    """
+
+    recomputed: RayTarget
+    distance_m: float
+    distance_sigmas: float
+    cov_change: float
+    same_method: bool
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the stated coordinate is what the evidence gives."""
+        return self.same_method and self.distance_m <= TOLERANCE_M and self.cov_change <= COV_TOLERANCE
+
+
+def verify(evidence: Evidence, name: str) -> Verdict:
+    """Compute the coordinate of evidence again and compare.
+
+    Raises
+    ------
+    BundleError
+        What the evidence states is impossible: a covariance that is none, a rotation that is none, a ray that meets no
+        ground. ``name`` says in it which file.
+    """
+    cov_pose = covariance(evidence.state.cov_camera_pose, "the camera pose's covariance (state.cov_camera_pose)", name)
+    cov_stated = covariance(evidence.result.cov_ned_m2, "the result's covariance (result.cov_ned_m2)", name)
+    click, camera_part, place = evidence.click, evidence.camera, evidence.local_frame
+    _check_pixel(evidence, name)
+    try:
+        camera = Camera(
+            camera_part.width_px, camera_part.height_px, camera_part.fx_px, camera_part.fy_px, camera_part.cx_px,
+            camera_part.cy_px, _five(camera_part.distortion),
+        )  # fmt: skip
+        frame = LocalFrame(place.lat_rad, place.lon_rad, place.alt_m)
+        found = locate_ray(
+            _state(evidence, cov_pose, name), camera, (click.camera_u_px, click.camera_v_px),
+            ground_model_of(evidence.ground.model), frame, evidence.ground.std_m, click.std_px,
+            evidence.ground.target_height_m, evidence.ground.max_range_m,
+        )  # fmt: skip
+    except GeometryError as error:
+        raise BundleError(name, f"gives no coordinate: {error}") from None
+    except ValueError as error:
+        raise BundleError(name, f"states what cannot be: {error}") from None
+    cov = covariance(found.cov_ned_m2.tolist(), "the recomputed covariance", name)
+    stated = evidence.result
+    apart = _ned_of(frame, stated.lat_deg, stated.lon_deg, stated.alt_amsl_m) - found.pos_ned_m
+    return Verdict(
+        found,
+        float(np.linalg.norm(apart)),
+        math.sqrt(max(float(apart @ np.linalg.solve(cov, apart)), 0.0)),
+        float(np.max(np.abs(cov_stated - cov)) / np.max(np.diag(cov))),
+        found.method == stated.ray_method,
+    )
+
+
+def matching_file(evidence: Evidence, path: Path) -> str | None:
+    """Which file of the evidence a file on the disk is, in words; None where it is none of them.
+
+    Raises
+    ------
+    BundleError
+        The file cannot be read.
+    """
+    try:
+        with path.open("rb") as opened:
+            found = hashlib.file_digest(opened, "sha256").hexdigest()
+    except OSError as error:
+        raise BundleError(str(path), f"cannot be read: {error.strerror or error}") from None
+    for file in evidence.files:
+        if found == file.sha256:
+            return f"the {file.role} in use, '{file.file}'"
+        if found == file.source_sha256:
+            return f"the file that the {file.role} was imported from, '{file.source_file}'"
+    return None
+
+
+def covariance(rows: list[list[float | None]], what: str, name: str) -> Float:
+    """A covariance (n, n); BundleError where the numbers are not one."""
+    if any(value is None for row in rows for value in row):
+        raise BundleError(name, f"{what} is not known: how sure the coordinate is cannot be said")
+    cov = np.array(rows, dtype=np.float64)
+    std = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    if not np.all(np.isfinite(cov)) or not np.all(std > 0.0):
+        raise BundleError(name, f"{what} is not positive definite: its variances are {np.diag(cov).tolist()}")
+    correlation = cov / std[:, np.newaxis] / std
+    if not np.allclose(correlation, correlation.T, rtol=0.0, atol=EIGENVALUE_TOLERANCE):
+        raise BundleError(name, f"{what} is not symmetric")
+    least = float(np.linalg.eigvalsh(correlation)[0])
+    if least < -EIGENVALUE_TOLERANCE:
+        raise BundleError(name, f"{what} is not positive definite: an eigenvalue of its correlations is {least:.3g}")
+    return cov
+
+
+def _check_pixel(evidence: Evidence, name: str) -> None:
+    click, frame, camera = evidence.click, evidence.frame, evidence.camera
+    # Pixel centres are whole numbers, so the picture's edge lies at -0.5.
+    u_px = (click.u_px + 0.5) * camera.width_px / frame.width_px - 0.5
+    v_px = (click.v_px + 0.5) * camera.height_px / frame.height_px - 0.5
+    if not math.hypot(u_px - click.camera_u_px, v_px - click.camera_v_px) <= CAMERA_PIXEL_TOLERANCE_PX:
+        raise BundleError(
+            name,
+            f"the click ({click.u_px:g}, {click.v_px:g}) is pixel ({u_px:g}, {v_px:g}) of the camera, "
+            f"not ({click.camera_u_px:g}, {click.camera_v_px:g}) as stated",
+        )
+
+
+def _state(evidence: Evidence, cov_camera_pose: Float, name: str) -> NavigationState:
+    state = evidence.state
+    q = np.array(state.q_ned_from_camera)
+    if not abs(float(np.linalg.norm(q)) - 1.0) < 1e-6:
+        raise BundleError(name, f"state.q_ned_from_camera is no rotation: its length is {np.linalg.norm(q):g}")
+    return NavigationState(
+        t_us=state.t_unix_us, mode=Mode(state.mode), process_model=state.process_model, lat_rad=state.lat_rad,
+        lon_rad=state.lon_rad, alt_amsl_m=state.alt_amsl_m, alt_agl_m=_number(state.alt_agl_m),
+        pos_ned_m=np.array(state.pos_ned_m), vel_ned_m_s=np.array([_number(value) for value in state.vel_ned_m_s]),
+        q_ned_from_body=np.array(state.q_ned_from_body), q_ned_from_camera=q,
+        cov_pos_ned_m2=np.array([[_number(value) for value in row] for row in state.cov_pos_ned_m2]),
+        cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=cov_camera_pose[3:, 3:],
+        cov_camera_pose=cov_camera_pose, last_fix_age_s=_number(state.last_fix_age_s),
+    )  # fmt: skip
+
+
+def _ned_of(frame: LocalFrame, lat_deg: float, lon_deg: float, alt_m: float) -> Float:
+    return frame.ned_from_geodetic(math.radians(lat_deg), math.radians(lon_deg), alt_m)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _five(values: list[float]) -> tuple[float, float, float, float, float]:
+    k1, k2, p1, p2, k3 = values
+    return k1, k2, p1, p2, k3
