@@ -231,9 +231,31 @@ export interface paths {
         head?: never;
         /**
          * Change Target
-         * @description Rename or move a target.
+         * @description Rename or move a target. The evidence of a click stays, but does not prove where it was moved to.
          */
         patch: operations["change_target_api_v1_targets__target_id__patch"];
+        trace?: never;
+    };
+    "/api/v1/targets/{target_id}/evidence": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Evidence
+         * @description What the target's coordinate was computed from, for ``pilotage verify``: a zip, or its JSON without the picture.
+         *
+         *     A target that was typed in or moved has none. That of before a move is found by its ``version``.
+         */
+        get: operations["get_evidence_api_v1_targets__target_id__evidence_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
         trace?: never;
     };
     "/api/v1/maps": {
@@ -1666,6 +1688,57 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["TargetFeature"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_evidence_api_v1_targets__target_id__evidence_get: {
+        parameters: {
+            query?: {
+                /** @description The target's version whose coordinate is in question */
+                version?: number | null;
+            };
+            header?: {
+                /** @description application/json gives evidence.json alone */
+                accept?: string;
+            };
+            path: {
+                target_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A zip, or its evidence.json alone */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/zip": unknown;
+                    "application/json": unknown;
                 };
             };
             /** @description A problem (RFC 9457) */
