@@ -155,6 +155,7 @@ class ErrorStateFilter:
         # rows of F without what a reading tells; of velocity in position still to be times the step
         self._unread = np.eye(_MOTION, layout.size)
         self._unread[:3, 3:6] = np.eye(3)
+        self._ground_variance_m2 = np.square(noise.ground_bias_std_m)
         self._frame_turn = skew(earth.rate_ned_rad_s)
         self._motion_noise = self._bias_noise.copy()
         self._motion_noise[layout.slices["velocity"]] = noise.accelerometer_m_s2_rt_s**2
@@ -260,22 +261,20 @@ class ErrorStateFilter:
         """Share (size,) of itself that each slow state keeps."""
         kept = np.ones(self.layout.size)
         part = self.layout.slices
-        for name, share in (
-            ("attitude_bias", attitude_bias), ("ground_bias", forgotten.ground), ("map_bias", forgotten.map)
-        ):  # fmt: skip
-            if name in part:
-                kept[part[name]] = share
+        if "attitude_bias" in part:
+            kept[part["attitude_bias"]] = attitude_bias
+        if "ground_bias" in part:
+            kept[part["ground_bias"]] = forgotten.ground
+        if "map_bias" in part:
+            kept[part["map_bias"]] = forgotten.map
         return kept
 
     def _renew_ground(self, diagonal: Float, forgotten: _Forgotten) -> None:
-        stds = (
-            ("ground_bias", forgotten.ground, self.noise.ground_bias_std_m),
-            ("map_bias", forgotten.map, self.map_bias_std_m),
-        )
-        for name, decay, std_m in stds:
-            where = self.layout.slices.get(name)
-            if where is not None:
-                diagonal[where] += np.square(std_m) * (1.0 - np.square(decay))
+        part = self.layout.slices
+        if "ground_bias" in part:
+            diagonal[part["ground_bias"]] += self._ground_variance_m2 * (1.0 - forgotten.ground**2)
+        if "map_bias" in part:
+            diagonal[part["map_bias"]] += self.map_bias_std_m**2 * (1.0 - forgotten.map**2)
 
     def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
         """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).

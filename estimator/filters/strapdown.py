@@ -63,15 +63,15 @@ def propagate(
     """
     transport = earth.transport_rate_ned_rad_s(motion.vel_ned_m_s)
     frame_turn = (earth.rate_ned_rad_s + transport) * dt_s
-    q_half = q_multiply(motion.q_ned_from_body, q_from_rotvec(rate_body_rad_s * (0.5 * dt_s)))
+    half_turn = q_from_rotvec(rate_body_rad_s * (0.5 * dt_s))
+    q_half = q_multiply(motion.q_ned_from_body, half_turn)
     ned_from_body_mid = matrix_from_q(q_half)
     acceleration = ned_from_body_mid @ specific_force_body_m_s2
     acceleration[2] += earth.gravity_m_s2
     acceleration -= _cross(2.0 * earth.rate_ned_rad_s + transport, motion.vel_ned_m_s)
     vel = motion.vel_ned_m_s + acceleration * dt_s
     pos = motion.pos_ned_m + (motion.vel_ned_m_s + vel) * (0.5 * dt_s)
-    q = q_multiply(motion.q_ned_from_body, q_from_rotvec(rate_body_rad_s * dt_s))
-    q = q_normalise(q_multiply(q_from_rotvec(-frame_turn), q))
+    q = q_normalise(q_multiply(q_from_rotvec(-frame_turn), q_multiply(q_half, half_turn)))
     return Motion(pos, vel, q)
 
 
