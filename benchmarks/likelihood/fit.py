@@ -130,7 +130,7 @@ def inlier_density(sample: Sample, calibration: LikelihoodCalibration) -> float:
     surface = np.nan_to_num(correlation.surface, nan=-1.0).astype(np.float64)
     log_p = log_matched(surface - surface.max(), sample.peak, calibration)
     p = np.exp(log_p)
-    spread_px = max(float(np.hypot(calibration.map_std_m / step, calibration.map_std_px)), 0.3)
+    spread_px = max(calibration.local_std_m(step) / step, 0.3)
     by_row, by_col = (
         np.exp(-0.5 * ((np.arange(n) - at) / spread_px) ** 2) / (np.sqrt(2.0 * np.pi) * spread_px)
         for n, at in ((rows, row), (cols, col))

@@ -34,8 +34,7 @@ DIVERGED_RAD = 0.35
 
 def fix_std_m(height_m: float) -> float:
     """What the calibration in use states of the map's local error, at the resolution that a picture is matched at."""
-    stated = calibration_of("double_angle").likelihood
-    return float(np.hypot(stated.map_std_m, stated.map_std_px * max(REFERENCE_GSD_M, height_m / FOCAL_PX)))
+    return calibration_of("double_angle").likelihood.local_std_m(max(REFERENCE_GSD_M, height_m / FOCAL_PX))
 
 
 def hover(seed: int, height_m: float, coupled: bool, seconds: float) -> dict[str, float]:

@@ -46,6 +46,10 @@ class LikelihoodCalibration:
     doubt: float
     form: LikelihoodForm = LikelihoodForm.MATCHED
 
+    def local_std_m(self, step_m: float) -> float:
+        """Standard deviation of the reference's own local error, matched in steps of ``step_m``."""
+        return float(np.hypot(self.map_std_m, self.map_std_px * step_m))
+
 
 def log_matched(similarity: NDArray[np.floating], peak: Peak, calibration: LikelihoodCalibration) -> Float:
     """Log likelihood of similarities, up to a constant: t z0^q z, with z in deviations of the surface's clutter.
@@ -110,8 +114,7 @@ def likelihoods(
         return [each / mean for each in similar]
     log_p = [log_matched(each, peak, calibration) for each in fine]
     top = max(float(each.max()) for each in log_p)
-    spread_m = float(np.hypot(calibration.map_std_m, calibration.map_std_px * correlation.step_m))
-    sigma = max(spread_m / step_m / np.sqrt(weight), 0.3)
+    sigma = max(calibration.local_std_m(correlation.step_m) / step_m / np.sqrt(weight), 0.3)
     p = [_blurred(np.exp(weight * (each - top)), sigma) for each in log_p]
     mean = float(np.mean(p))
     outlier = min(calibration.floor + calibration.doubt * outlier_probability, MAX_OUTLIER)

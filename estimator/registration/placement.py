@@ -110,8 +110,7 @@ def _place_by(
         return NoMatch("the picture fits the map best at the edge of the search: its place there is not known")
     if match.outlier_probability > config.max_outlier_probability:
         return NoMatch(f"the match is too weak (outlier probability {match.outlier_probability:.2f})")
-    local_m = float(np.hypot(stated.map_std_m, stated.map_std_px * match.correlation.step_m))
-    map_std_m = local_m if config.map_std_m is None else config.map_std_m
+    map_std_m = stated.local_std_m(match.correlation.step_m) if config.map_std_m is None else config.map_std_m
     refined = registrar.refine(match, match.displacement_ne_m, prior_cov)
     if refined is not None and refined.agreement >= config.min_agreement:
         correction, cov, by = *_by_windows(match, pose, refined, prior_cov, config), WINDOWS
@@ -213,7 +212,7 @@ def _spread_m2(match: Match, registrar: Registrar) -> Float:
     ne = float(north @ density @ east)
     cov = np.array([[n2, ne], [ne, e2]]) / total
     # the likelihood is blurred by the map's error already; half a pixel is the least that a peak is good to
-    own = float(np.hypot(calibration.map_std_m, calibration.map_std_px * step_m))
+    own = calibration.local_std_m(step_m)
     eigenvalues, axes = np.linalg.eigh(cov)
     spread: Float = (axes * np.maximum(eigenvalues - own**2, (0.5 * step_m) ** 2)) @ axes.T
     return spread
