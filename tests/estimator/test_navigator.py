@@ -132,6 +132,21 @@ def test_without_map_or_satellites_it_is_dead_reckoning_and_grows_unsure() -> No
     assert _error_m(navigator) < 3.0
 
 
+def test_every_velocity_of_the_receiver_counts_and_a_position_a_second() -> None:
+    navigator = _navigator(reference=None)
+    _fly(navigator, 0.0, 2.0, frames=False)
+    before = dict(navigator.counts)
+
+    for k in range(40):
+        _fly(navigator, 2.0 + k / 20, 2.0 + (k + 1) / 20, gnss=False, frames=False)
+        if k % 4 == 0:
+            navigator.offer(_gnss(2.0 + k / 20))
+
+    # the samples of the last moments wait for what may still come
+    assert navigator.counts["gnss_velocity"] - before["gnss_velocity"] >= 8
+    assert navigator.counts["gnss"] - before["gnss"] <= 3
+
+
 def test_gps_denied_blocks_satellites() -> None:
     """
     Fault: the receiver is spoofed 60 m away while its use is denied.
