@@ -98,7 +98,7 @@ class MapLibrary:
                     "cut out the area of operation, for example with gdal_translate -projwin",
                 )
             kind = kind or guess_kind(raster)
-            sha256 = _sha256(raster.path)
+            sha256 = sha256_of_file(raster.path)
             map_id = hashlib.sha256(f"{sha256} {kind}".encode()).hexdigest()[:12]
             try:
                 return self._renamed(self.get(map_id), name)
@@ -297,6 +297,7 @@ def _read_record(path: Path) -> MapRecord:
     return record
 
 
-def _sha256(path: Path) -> str:
+def sha256_of_file(path: Path) -> str:
+    """SHA-256 of a file in hexadecimal, read in pieces; raises OSError."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
 from dataclasses import dataclass
 
 from backend.navigation.setup import FileUsed
+from geodata.maps import sha256_of_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +40,7 @@ def _hash(file: FileUsed) -> FileHash:
     try:
         if FileUsed.of(file.role, file.path) != file:
             return changed
-        with file.path.open("rb") as opened:
-            found = hashlib.file_digest(opened, "sha256").hexdigest()
+        found = sha256_of_file(file.path)
         return FileHash(found) if FileUsed.of(file.role, file.path) == file else changed
     except OSError as error:
         return FileHash(None, f"the file cannot be read any more: {error.strerror or error}")

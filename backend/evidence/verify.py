@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from estimator.geometry.camera import Camera
 from estimator.geometry.local import LocalFrame
 from estimator.targets.ray import RayTarget, locate_ray
 from estimator.types import Float, Mode, NavigationState
+from geodata.maps import sha256_of_file
 
 # Far below what a coordinate of eight decimals tells, far above what another machine's arithmetic changes.
 TOLERANCE_M = 1e-3
@@ -93,8 +93,7 @@ def matching_file(evidence: Evidence, path: Path) -> str | None:
         The file cannot be read.
     """
     try:
-        with path.open("rb") as opened:
-            found = hashlib.file_digest(opened, "sha256").hexdigest()
+        found = sha256_of_file(path)
     except OSError as error:
         raise BundleError(str(path), f"cannot be read: {error.strerror or error}") from None
     for file in evidence.files:
