@@ -20,10 +20,15 @@ def messages_in(data: bytes) -> list[Any]:
             at += 1
             continue
         try:
-            found.append(decoder.decode(bytearray(data[at : at + size])))
+            message = decoder.decode(bytearray(data[at : at + size]))
         except mavlink.MAVError:
             at += 1
             continue
+        if isinstance(message, mavlink.MAVLink_unknown):
+            # of an unknown id the checksum cannot be told, and noise that looks so must not swallow what follows
+            at += 1
+            continue
+        found.append(message)
         at += size
     return found
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -15,6 +15,7 @@ def command(number: int, *, version_1: bool = False) -> bytes:
     return bytes(message.pack(sender, force_mavlink1=version_1))
 
 
+@example(b"\xfd\x00", b"", False)
 @given(st.binary(max_size=60), st.binary(max_size=60), st.booleans())
 def test_a_command_survives_noise_around_it(before: bytes, after: bytes, version_1: bool) -> None:
     found = messages_in(before + command(400, version_1=version_1) + after)
