@@ -31,6 +31,7 @@ STATE_GROUPS = (
 )  # fmt: skip
 _MOTION = 9
 """Position, velocity and attitude: always there, and first."""
+_ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
 _SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_offset": 2}
 
 
@@ -293,8 +294,7 @@ class ErrorStateFilter:
     def _inject(self, dx: Float) -> None:
         """Move the error into the nominal state.
 
-        The reset Jacobian of an attitude error about the outer axes, I + [dtheta]x / 2 (Sola 2017, section 7.4; about
-        the body's axes the sign is minus), is applied only where it differs from one by more than a two-hundredth.
+        What that does to the covariance is applied only where it changes more than a two-hundredth of it.
         """
         part = self.layout.slices
         nominal = self.nominal
@@ -326,9 +326,21 @@ class ErrorStateFilter:
             structure_m=moved("structure", nominal.structure_m),
         )
         if float(rotation @ rotation) > 1e-4:
-            G = np.eye(self.layout.size)
-            G[part["attitude"], part["attitude"]] += 0.5 * skew(rotation)
-            self.P = G @ self.P @ G.T
+            self._turn_rotation_errors(dx)
+
+    def _turn_rotation_errors(self, dx: Float) -> None:
+        """Take the rotation errors from about the old nominal state to about the corrected one.
+
+        The Jacobian of an error about the outer axes is I + [dtheta]x / 2 (Sola 2017, section 7.4; about the body's
+        axes the sign is minus). The clones' errors turn with the attitude's: one that is left as it was seems to differ
+        from what it was copied from, and odometry takes that for knowledge of the heading.
+        """
+        G = np.eye(self.layout.size)
+        for name in _ROTATIONS:
+            where = self.layout.slices.get(name)
+            if where is not None:
+                G[where, where] += 0.5 * skew(dx[where])
+        self.P = G @ self.P @ G.T
 
     def _moved_clone(self, clone: Clone | None, name: str, dx: Float) -> Clone | None:
         if clone is None:
