@@ -30,6 +30,7 @@ STATE_GROUPS = (
     "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 _MOTION = 9
+_P, _V, _A = slice(0, 3), slice(3, 6), slice(6, 9)
 """Position, velocity and attitude: always there, and first."""
 _ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
 _SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_offset": 2}
@@ -121,11 +122,17 @@ class Nominal:
     keyframe: Clone | None = None
     structure_m: Float = field(default_factory=lambda: np.zeros(3))
 
-    def moved(self, motion: Motion, forgotten: _Forgotten, attitude_bias_rad: Float) -> Nominal:
-        """After a step. Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs."""
+    def moved(self, motion: Motion, kept: Float, index: dict[str, slice]) -> Nominal:
+        """After a step that left so much (size,) of each state.
+
+        Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs.
+        """
+        bias, ground, imagery = index.get("attitude_bias"), index.get("ground_bias"), index.get("map_bias")
         return Nominal(
             motion, self.accelerometer_bias_m_s2, self.gyroscope_bias_rad_s, self.barometer_bias_m, self.boresight_rad,
-            attitude_bias_rad, self.ground_biases_m * forgotten.ground, self.map_bias_ne_m * forgotten.map,
+            self.attitude_bias_rad if bias is None else self.attitude_bias_rad * kept[bias],
+            self.ground_biases_m if ground is None else self.ground_biases_m * kept[ground],
+            self.map_bias_ne_m if imagery is None else self.map_bias_ne_m * kept[imagery],
             self.map_offset_ne_m, self.clone, self.keyframe, self.structure_m,
         )  # fmt: skip
 
@@ -133,14 +140,6 @@ class Nominal:
     def ground_bias_m(self) -> float:
         """How far what is seen lies below the ground model."""
         return float(self.ground_biases_m.sum())
-
-
-@dataclass(frozen=True, slots=True)
-class _Forgotten:
-    """What a step leaves of the errors of ground model and imagery, as shares."""
-
-    ground: Float
-    map: float
 
 
 class ErrorStateFilter:
@@ -156,12 +155,38 @@ class ErrorStateFilter:
         # rows of F without what a reading tells; of velocity in position still to be times the step
         self._unread = np.eye(_MOTION, layout.size)
         self._unread[:3, 3:6] = np.eye(3)
-        self._ground_variance_m2 = np.square(noise.ground_bias_std_m)
+        self._per_metre, self._per_second = self._fading()
+        self._renewed_m2 = np.zeros(layout.size)
+        if layout.has("ground_bias"):
+            self._renewed_m2[layout.slices["ground_bias"]] = np.square(noise.ground_bias_std_m)
         self._frame_turn = skew(earth.rate_ned_rad_s)
         self._motion_noise = self._bias_noise.copy()
         self._motion_noise[layout.slices["velocity"]] = noise.accelerometer_m_s2_rt_s**2
         self._motion_noise[layout.slices["attitude"]] = noise.gyroscope_rad_rt_s**2
         self.map_bias_std_m = 1.0
+
+    @property
+    def map_bias_std_m(self) -> float:
+        """How far the reference imagery is displaced from place to place, a standard deviation on each axis."""
+        return self._map_bias_std_m
+
+    @map_bias_std_m.setter
+    def map_bias_std_m(self, std_m: float) -> None:
+        self._map_bias_std_m = std_m
+        if self.layout.has("map_bias"):
+            self._renewed_m2[self.layout.slices["map_bias"]] = std_m**2
+
+    def _fading(self) -> tuple[Float, Float]:
+        """How fast each state (size,) fades, per metre flown and per second."""
+        per_metre, per_second = np.zeros(self.layout.size), np.zeros(self.layout.size)
+        part, noise = self.layout.slices, self.noise
+        if "ground_bias" in part:
+            per_metre[part["ground_bias"]] = 1.0 / np.array(noise.ground_bias_length_m)
+        if "map_bias" in part:
+            per_metre[part["map_bias"]] = 1.0 / noise.map_bias_length_m
+        if "attitude_bias" in part:
+            per_second[part["attitude_bias"]] = 1.0 / noise.attitude_bias_time_s
+        return per_metre, per_second
 
     def _slow_noise_density(self) -> Float:
         q = np.zeros(self.layout.size)
@@ -181,30 +206,28 @@ class ErrorStateFilter:
 
     def predict_inertial(self, rate_body_rad_s: Float, specific_force_body_m_s2: Float, dt_s: float) -> None:
         """Advance by ``dt_s`` with gyroscope (3,) and accelerometer (3,) readings, as measured."""
-        rate = rate_body_rad_s - self.nominal.gyroscope_bias_rad_s
-        force = specific_force_body_m_s2 - self.nominal.accelerometer_bias_m_s2
-        ned_from_body = matrix_from_q(self.nominal.motion.q_ned_from_body)
+        nominal = self.nominal
+        rate = rate_body_rad_s - nominal.gyroscope_bias_rad_s
+        force = specific_force_body_m_s2 - nominal.accelerometer_bias_m_s2
+        ned_from_body = matrix_from_q(nominal.motion.q_ned_from_body)
+        by_bias = ned_from_body * -dt_s
+        velocity_by_attitude = skew(by_bias @ force)
         index = self.layout.slices
         F = self._unread.copy()
-        p, v, a = index["position"], index["velocity"], index["attitude"]
-        velocity_by_attitude = -skew(ned_from_body @ force) * dt_s
-        F[p, v] *= dt_s
-        F[p, a] = velocity_by_attitude * (0.5 * dt_s)
-        F[v, a] = velocity_by_attitude
-        F[a, a] -= self._frame_turn * dt_s
+        F[_P, _V] *= dt_s
+        F[_P, _A] = velocity_by_attitude * (0.5 * dt_s)
+        F[_V, _A] = velocity_by_attitude
+        F[_A, _A] -= self._frame_turn * dt_s
         if "accelerometer_bias" in index:
-            F[v, index["accelerometer_bias"]] = -ned_from_body * dt_s
+            F[_V, index["accelerometer_bias"]] = by_bias
         if "gyroscope_bias" in index:
-            F[a, index["gyroscope_bias"]] = -ned_from_body * dt_s
-        attitude_bias_kept = math.exp(-dt_s / self.noise.attitude_bias_time_s)
-        forgotten = self._forgotten(dt_s)
-        self._advance(F, self._kept(forgotten, attitude_bias_kept))
+            F[_A, index["gyroscope_bias"]] = by_bias
+        kept = np.exp(self._per_second * -dt_s - self._per_metre * self._flown_m(dt_s))
+        self._advance(F, kept)
         diagonal = np.einsum("ii->i", self.P)
-        diagonal += self._motion_noise * dt_s
-        self._renew_ground(diagonal, forgotten)
-        diagonal[p] += self.noise.accelerometer_m_s2_rt_s**2 * dt_s**3 / 3.0
-        motion = propagate(self.nominal.motion, rate, force, dt_s, self.earth)
-        self.nominal = self.nominal.moved(motion, forgotten, self.nominal.attitude_bias_rad * attitude_bias_kept)
+        diagonal += self._motion_noise * dt_s + self._renewed_m2 * (1.0 - kept * kept)
+        diagonal[_P] += self.noise.accelerometer_m_s2_rt_s**2 * dt_s**3 / 3.0
+        self.nominal = nominal.moved(propagate(nominal.motion, rate, force, dt_s, self.earth), kept, index)
 
     def predict_attitude_driven(
         self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
@@ -214,25 +237,22 @@ class ErrorStateFilter:
         ``q_ned_from_body`` is the reported attitude already turned by the estimated correction; its error is a
         first-order Gauss-Markov process of ``attitude_std_rad`` (3,) and ``attitude_time_s``.
         """
-        index = self.layout.slices
-        p, v, a = index["position"], index["velocity"], index["attitude"]
         decay = float(np.exp(-dt_s / attitude_time_s))
         F = self._unread.copy()
-        F[p, v] *= dt_s
-        F[a, a] *= decay
-        forgotten = self._forgotten(dt_s)
-        self._advance(F, self._kept(forgotten))
+        F[_P, _V] *= dt_s
+        F[_A, _A] *= decay
+        kept = np.exp(-self._per_metre * self._flown_m(dt_s))
+        self._advance(F, kept)
         diagonal = np.einsum("ii->i", self.P)
-        diagonal += self._bias_noise * dt_s
-        self._renew_ground(diagonal, forgotten)
+        diagonal += self._bias_noise * dt_s + self._renewed_m2 * (1.0 - kept * kept)
         manoeuvre = np.square(self.noise.manoeuvre_m_s2_rt_s)
-        diagonal[v] += manoeuvre * dt_s
-        diagonal[p] += manoeuvre * dt_s**3 / 3.0
-        diagonal[a] += np.square(attitude_std_rad) * (1.0 - decay**2)
+        diagonal[_V] += manoeuvre * dt_s
+        diagonal[_P] += manoeuvre * dt_s**3 / 3.0
+        diagonal[_A] += np.square(attitude_std_rad) * (1.0 - decay**2)
         motion = self.nominal.motion
         pos = motion.pos_ned_m + motion.vel_ned_m_s * dt_s
         moved = Motion(pos, motion.vel_ned_m_s, q_ned_from_body)
-        self.nominal = self.nominal.moved(moved, forgotten, self.nominal.attitude_bias_rad)
+        self.nominal = self.nominal.moved(moved, kept, self.layout.slices)
 
     def _advance(self, F: Float, kept: Float) -> None:
         """Make P that of a step: F (9, size) are the rows of position, velocity and attitude.
@@ -248,34 +268,10 @@ class ErrorStateFilter:
         P[:_MOTION, :_MOTION] = rows @ F.T
         self.P = P
 
-    def _forgotten(self, dt_s: float) -> _Forgotten:
-        """Let the errors of ground model and imagery fade with the distance flown; in a hover they stay."""
+    def _flown_m(self, dt_s: float) -> float:
+        """Distance over which the errors of ground model and imagery fade; in a hover they stay."""
         north, east, _ = self.nominal.motion.vel_ned_m_s.tolist()
-        distance_m = math.hypot(north, east) * dt_s
-        noise = self.noise
-        return _Forgotten(
-            ground=np.array([math.exp(-distance_m / length_m) for length_m in noise.ground_bias_length_m]),
-            map=math.exp(-distance_m / noise.map_bias_length_m),
-        )
-
-    def _kept(self, forgotten: _Forgotten, attitude_bias: float = 1.0) -> Float:
-        """Share (size,) of itself that each slow state keeps."""
-        kept = np.ones(self.layout.size)
-        part = self.layout.slices
-        if "attitude_bias" in part:
-            kept[part["attitude_bias"]] = attitude_bias
-        if "ground_bias" in part:
-            kept[part["ground_bias"]] = forgotten.ground
-        if "map_bias" in part:
-            kept[part["map_bias"]] = forgotten.map
-        return kept
-
-    def _renew_ground(self, diagonal: Float, forgotten: _Forgotten) -> None:
-        part = self.layout.slices
-        if "ground_bias" in part:
-            diagonal[part["ground_bias"]] += self._ground_variance_m2 * (1.0 - forgotten.ground**2)
-        if "map_bias" in part:
-            diagonal[part["map_bias"]] += self.map_bias_std_m**2 * (1.0 - forgotten.map**2)
+        return math.hypot(north, east) * dt_s
 
     def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
         """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).

@@ -6,12 +6,13 @@ edition, chapter 5.4.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.geometry.earth import EARTH_RATE_RAD_S, gravity_m_s2, meridian_radius_m, transverse_radius_m
-from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise
 from estimator.types import Float
 
 
@@ -39,10 +40,10 @@ class EarthModel:
             tan_lat=float(np.tan(lat_rad)),
         )
 
-    def transport_rate_ned_rad_s(self, vel_ned_m_s: Float) -> Float:
-        """Rotation of the NED frame as it follows the vehicle over the curved Earth (3,)."""
-        east = vel_ned_m_s[1] / self.transverse_radius_m
-        return np.array([east, -vel_ned_m_s[0] / self.meridian_radius_m, -east * self.tan_lat])
+    def transport_rate_ned_rad_s(self, north_m_s: float, east_m_s: float) -> tuple[float, float, float]:
+        """Rotation about NED of the frame itself as it follows a vehicle of this velocity over the curved Earth."""
+        by_east = east_m_s / self.transverse_radius_m
+        return by_east, -north_m_s / self.meridian_radius_m, -by_east * self.tan_lat
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,20 +62,58 @@ def propagate(
 
     The attitude at the middle of the interval turns the force into NED; Coriolis and transport terms included.
     """
-    transport = earth.transport_rate_ned_rad_s(motion.vel_ned_m_s)
-    frame_turn = (earth.rate_ned_rad_s + transport) * dt_s
-    half_turn = q_from_rotvec(rate_body_rad_s * (0.5 * dt_s))
-    q_half = q_multiply(motion.q_ned_from_body, half_turn)
-    ned_from_body_mid = matrix_from_q(q_half)
-    acceleration = ned_from_body_mid @ specific_force_body_m_s2
-    acceleration[2] += earth.gravity_m_s2
-    acceleration -= _cross(2.0 * earth.rate_ned_rad_s + transport, motion.vel_ned_m_s)
-    vel = motion.vel_ned_m_s + acceleration * dt_s
-    pos = motion.pos_ned_m + (motion.vel_ned_m_s + vel) * (0.5 * dt_s)
-    q = q_normalise(q_multiply(q_from_rotvec(-frame_turn), q_multiply(q_half, half_turn)))
-    return Motion(pos, vel, q)
+    # in plain numbers: on so few of them each call of numpy costs more than the arithmetic
+    vn, ve, vd = motion.vel_ned_m_s.tolist()
+    fx, fy, fz = specific_force_body_m_s2.tolist()
+    earth_n, _, earth_d = earth.rate_ned_rad_s.tolist()
+    turn_n, turn_e, turn_d = earth.transport_rate_ned_rad_s(vn, ve)
+    half_turn = _exp(rate_body_rad_s.tolist(), 0.5 * dt_s)
+    q_half = _product(motion.q_ned_from_body.tolist(), half_turn)
+    an, ae, ad = _rotated(q_half, fx, fy, fz)
+    # Coriolis, of the Earth and of the frame that follows the vehicle
+    cn, ce, cd = 2.0 * earth_n + turn_n, turn_e, 2.0 * earth_d + turn_d
+    an -= ce * vd - cd * ve
+    ae -= cd * vn - cn * vd
+    ad += earth.gravity_m_s2 - (cn * ve - ce * vn)
+    dn, de, dd = an * dt_s, ae * dt_s, ad * dt_s
+    step = np.array(((vn + 0.5 * dn) * dt_s, (ve + 0.5 * de) * dt_s, (vd + 0.5 * dd) * dt_s))
+    frame_turn = _exp((earth_n + turn_n, turn_e, earth_d + turn_d), -dt_s)
+    w, x, y, z = _product(frame_turn, _product(q_half, half_turn))
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    return Motion(
+        motion.pos_ned_m + step, motion.vel_ned_m_s + np.array((dn, de, dd)),
+        np.array((w / norm, x / norm, y / norm, z / norm)),
+    )  # fmt: skip
 
 
-def _cross(a: Float, b: Float) -> Float:
-    # numpy.cross costs ten times as much on single vectors
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+_Four = tuple[float, float, float, float]
+
+
+def _exp(rate: Sequence[float], dt_s: float) -> _Four:
+    """Quaternion of a rotation at a rate about fixed axes."""
+    x, y, z = rate
+    x, y, z = x * dt_s, y * dt_s, z * dt_s
+    angle = math.sqrt(x * x + y * y + z * z)
+    if not math.isfinite(angle):
+        return (math.nan,) * 4
+    scale = math.sin(0.5 * angle) / angle if angle > 1e-6 else 0.5
+    return math.cos(0.5 * angle), scale * x, scale * y, scale * z
+
+
+def _product(a: Sequence[float], b: _Four) -> _Four:
+    """Hamilton product."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def _rotated(q: _Four, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A vector turned by a unit quaternion: v + 2 w (u x v) + 2 u x (u x v)."""
+    w, a, b, c = q
+    tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx

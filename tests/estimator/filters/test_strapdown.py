@@ -96,7 +96,7 @@ def test_coriolis_pushes_northbound_flight_to_the_east() -> None:
 
     for _ in range(200):
         # what the attitude loses to the Earth's rate is fed in, so that the force stays vertical
-        rate = EARTH.rate_ned_rad_s + EARTH.transport_rate_ned_rad_s(motion.vel_ned_m_s)
+        rate = EARTH.rate_ned_rad_s + EARTH.transport_rate_ned_rad_s(*motion.vel_ned_m_s[:2])
         motion = propagate(motion, rate, np.array([0.0, 0.0, -EARTH.gravity_m_s2]), 0.1, EARTH)
 
     assert motion.vel_ned_m_s[1] == pytest.approx(2.0 * EARTH_RATE_RAD_S * np.sin(LAT_RAD) * 100.0 * 20.0, rel=0.01)
