@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 
 from estimator.ahead import Ahead
-from estimator.filters.eskf import ErrorStateFilter, Layout
+from estimator.filters.eskf import ErrorStateFilter, InnovationTally, Layout
 from estimator.filters.initialise import FirstEstimate, InitialConditions, aligned
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera, Mount
@@ -29,7 +29,7 @@ from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
 from estimator.measurements.picture_to_picture import VisualOdometry
 from estimator.measurements.self_watch import SelfWatch
-from estimator.measurements.video_clock import VideoClock
+from estimator.measurements.video_clock import VideoClock, offset_of
 from estimator.navigator_config import GROUPS, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.alignment import Registrar
@@ -46,7 +46,6 @@ from estimator.types import (
     InertialSample,
     Mode,
     NavigationState,
-    OffsetSource,
     Sample,
     VideoOffset,
 )  # fmt: skip
@@ -111,6 +110,11 @@ class Navigator:
         return {**self._counts, "late": self._queue.late}
 
     @property
+    def innovations(self) -> dict[str, InnovationTally]:
+        """How well the innovations of each measurement fitted since the filter was started."""
+        return {} if self._eskf is None else self._eskf.innovations
+
+    @property
     def state(self) -> NavigationState | None:
         """The state at the filter's horizon, None before alignment."""
         return None if self._eskf is None else self._snapshot(self._eskf, self._t_us)
@@ -135,15 +139,7 @@ class Navigator:
     @property
     def video_offset(self) -> VideoOffset:
         """What is added to frame times, and how well it is known."""
-        clock = self._video_clock
-        if self._video_stamped:
-            return VideoOffset(OffsetSource.STAMPED, 0.0)
-        if clock is None:
-            return VideoOffset(OffsetSource.GIVEN)
-        found = clock.estimate
-        if not clock.known or found is None:
-            return VideoOffset(OffsetSource.SEARCHING, reason=found.reason if found is not None else "no pictures yet")
-        return VideoOffset(OffsetSource.FOUND, clock.offset_us / 1e6, found.std_s)
+        return offset_of(self._video_clock, self._video_stamped)
 
     def offer(self, sample: Sample) -> None:
         """Take a sample; it is used when ``advance`` passes its time. One that comes too late is counted and left."""
@@ -367,7 +363,7 @@ class Navigator:
         if innovation is None or self._eskf is None:
             return False
         gate = gate_sigmas**2 * len(innovation.z)
-        accepted, _ = self._eskf.update(innovation.z, innovation.H, innovation.R, gate)
+        accepted, _ = self._eskf.update(innovation.z, innovation.H, innovation.R, gate, what)
         key = what if accepted else f"{what}_rejected"
         self._counts[key] = self._counts.get(key, 0) + 1
         return accepted

@@ -335,6 +335,10 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
         "frames": {"used": run.frames, "without_time": run.frames_untimed, "of_another_shape": run.frames_misshapen},
         "fixes": {"attempted": len(run.fixes), "accepted": accepted, "refused": _reasons(run.fixes)},
         "samples": run.navigator.counts,
+        "innovations": {
+            what: {"numbers": tally.numbers, "nis_per_dof": tally.nis_per_dof}
+            for what, tally in sorted(run.navigator.innovations.items())
+        },
         "video_clock": _video_clock(run.navigator),
         "modes": {mode: modes.count(mode) / len(modes) for mode in sorted(set(modes))},
         "timing": {

@@ -122,6 +122,23 @@ def drift_figures(runs: Sequence[dict[float, Float]]) -> dict[str, Any]:
     return figures
 
 
+def innovation_figures(runs: Sequence[dict[str, dict[str, float]]]) -> dict[str, Any]:
+    """Mean normalised innovation squared per degree of freedom, of all measurements together and of each kind.
+
+    ``runs`` are the ``innovations`` of replays' reports: ``numbers`` and ``nis_per_dof`` by kind.
+    """
+    numbers: dict[str, float] = {}
+    sums: dict[str, float] = {}
+    for run in runs:
+        for what, tally in run.items():
+            numbers[what] = numbers.get(what, 0.0) + tally["numbers"]
+            sums[what] = sums.get(what, 0.0) + tally["numbers"] * tally["nis_per_dof"]
+    if not numbers:
+        return {}
+    by_kind = {what: sums[what] / numbers[what] for what in sorted(numbers)}
+    return {"nis_per_dof": sum(sums.values()) / sum(numbers.values()), "nis_per_dof_of": by_kind}
+
+
 def pooled(rows: Sequence[dict[str, float]]) -> dict[str, Any]:
     """Mean of each figure over the seeds that have it; where two or more do, its standard error as ``<name>_se``."""
     figures: dict[str, Any] = {}

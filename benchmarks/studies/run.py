@@ -22,7 +22,16 @@ from backend.errors import StationError
 from backend.replay.offline import ReplayOptions, TruthErrors, errors_against_truth, replay_flight
 from backend.uncertainty import ellipse95
 from benchmarks.studies.degraded import Degrader
-from benchmarks.studies.figures import WITHIN_M, Scored, drift, drift_figures, navigation_figures, pooled, scored
+from benchmarks.studies.figures import (
+    WITHIN_M,
+    Scored,
+    drift,
+    drift_figures,
+    innovation_figures,
+    navigation_figures,
+    pooled,
+    scored,
+)
 from benchmarks.studies.flights import ESTIMATOR_SOURCES, SIMULATOR_SOURCES, flown, source_digest
 from benchmarks.studies.series import Series, series_figures
 from benchmarks.studies.study import ComputedRow, FlownRow, Row, Study
@@ -39,6 +48,7 @@ class Outcome:
     scored: Scored | None = None
     series: Series | None = None
     drift: dict[float, Float] | None = None
+    innovations: dict[str, dict[str, float]] | None = None
     fixes: int = 0
     accepted: int = 0
     fix_ms: float = 0.0
@@ -192,6 +202,7 @@ def _replayed(row: FlownRow, flight: Path, seed: int, segments_m: Sequence[float
         scored=scored(error_ne_m, errors.cov_ne_m2[inside], valid, heading, by_vision),
         series=None if degrader is None else _series(errors, states, denied_us, degrader),
         drift=drift(errors.true_ned_m[inside, :2], error_ne_m, heading, segments_m) if segments_m else None,
+        innovations=result.report["innovations"],
         fixes=len(result.fixes),
         accepted=sum(fix.accepted for fix in result.fixes),
         fix_ms=sum(fix.elapsed_ms for fix in result.fixes),
@@ -228,6 +239,7 @@ def _result(row: Row, by_seed: dict[int, Outcome]) -> Result:
         if fixes:
             figures["accepted"] = sum(outcome.accepted for outcome in good) / fixes
             figures["fix_ms"] = sum(outcome.fix_ms for outcome in good) / fixes
+        figures |= innovation_figures([outcome.innovations for outcome in good if outcome.innovations])
         figures |= drift_figures([outcome.drift for outcome in good if outcome.drift is not None])
         series = [outcome.series for outcome in good if outcome.series is not None]
         if isinstance(row, FlownRow) and row.degrade is not None and series:

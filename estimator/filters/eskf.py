@@ -142,6 +142,19 @@ class Nominal:
         return float(self.ground_biases_m.sum())
 
 
+@dataclass(slots=True)
+class InnovationTally:
+    """Numbers that accepted innovations held, and the sum of their normalised squares: one each, if R is right."""
+
+    numbers: int = 0
+    nis: float = 0.0
+
+    @property
+    def nis_per_dof(self) -> float:
+        """Mean normalised innovation squared per degree of freedom, NaN before the first."""
+        return self.nis / self.numbers if self.numbers else float("nan")
+
+
 class ErrorStateFilter:
     """Nominal state with the covariance of its error. Stateless laws live in the functions it calls."""
 
@@ -164,6 +177,7 @@ class ErrorStateFilter:
         self._motion_noise[layout.slices["velocity"]] = noise.accelerometer_m_s2_rt_s**2
         self._motion_noise[layout.slices["attitude"]] = noise.gyroscope_rad_rt_s**2
         self.map_bias_std_m = 1.0
+        self.innovations: dict[str, InnovationTally] = {}
 
     @property
     def map_bias_std_m(self) -> float:
@@ -273,10 +287,11 @@ class ErrorStateFilter:
         north, east, _ = self.nominal.motion.vel_ned_m_s.tolist()
         return math.hypot(north, east) * dt_s
 
-    def update(self, z: Float, H: Float, R: Float, gate: float = np.inf) -> tuple[bool, float]:
+    def update(self, z: Float, H: Float, R: Float, gate: float = np.inf, what: str = "") -> tuple[bool, float]:
         """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).
 
-        One that is not finite is rejected: a single such number would leave nothing of the estimate.
+        One that is not finite is rejected: a single such number would leave nothing of the estimate. The accepted are
+        tallied by ``what`` was measured.
         """
         if not (np.isfinite(z).all() and np.isfinite(H).all() and np.isfinite(R).all()):
             return False, float("nan")
@@ -285,6 +300,9 @@ class ErrorStateFilter:
             return False, float("nan")
         self.P = correction.P
         self._inject(correction.dx)
+        tally = self.innovations.setdefault(what, InnovationTally())
+        tally.numbers += len(z)
+        tally.nis += correction.nis
         return True, correction.nis
 
     def _inject(self, dx: Float) -> None:

@@ -409,11 +409,11 @@ class MapFixer:
     ) -> None:  # fmt: skip
         if heading and np.isfinite(match.heading_std_rad):
             std = np.hypot(match.heading_std_rad, self.config.heading_floor_rad) / np.sqrt(weight)
-            _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, float(std)))
+            _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, float(std)), what="fix_heading")
         if np.isfinite(match.scale_std):
             height_m = float(match.centre_ned_m[2] - camera_pos_ned_m[2])
             std = np.hypot(match.scale_std, self.config.scale_floor) / np.sqrt(weight)
-            _apply(eskf, terrain_fix.height(eskf, height_m, match.scale, float(std)))
+            _apply(eskf, terrain_fix.height(eskf, height_m, match.scale, float(std)), what="fix_height")
 
     def _report(
         self, frame: FrameSample, started: float, reason: str | None, match: Match | None = None,
@@ -456,8 +456,8 @@ def _in_units(moments: Moments, units: Float) -> Moments:
     return Moments(units @ moments.mean_ne_m, units @ moments.cov_ne_m2 @ units)
 
 
-def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 4.0) -> bool:
-    accepted, _ = eskf.update(innovation.z, innovation.H, innovation.R, gate=gate_sigmas**2)
+def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 4.0, what: str = "fix") -> bool:
+    accepted, _ = eskf.update(innovation.z, innovation.H, innovation.R, gate_sigmas**2, what)
     return accepted
 
 

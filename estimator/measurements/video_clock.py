@@ -18,7 +18,7 @@ from estimator.measurements.innovation import Innovation
 from estimator.odometry.image_gyro import ImageGyro
 from estimator.timing.camera_clock import CameraClock, CameraClockConfig
 from estimator.timing.offset import OffsetEstimate
-from estimator.types import Float, Image, Sample
+from estimator.types import Float, Image, OffsetSource, Sample, VideoOffset
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,3 +123,15 @@ class VideoClock:
         self._boresight_told = True
         z = self.estimate.boresight_rad - eskf.nominal.boresight_rad
         return Innovation(z, eskf.layout.jacobian(3, boresight=np.eye(3)), self.estimate.cov_boresight_rad2)
+
+
+def offset_of(clock: VideoClock | None, stamped: bool) -> VideoOffset:
+    """What is added to frame times: nothing where they are ``stamped``; without a clock the offset was given."""
+    if stamped:
+        return VideoOffset(OffsetSource.STAMPED, 0.0)
+    if clock is None:
+        return VideoOffset(OffsetSource.GIVEN)
+    found = clock.estimate
+    if not clock.known or found is None:
+        return VideoOffset(OffsetSource.SEARCHING, reason=found.reason if found is not None else "no pictures yet")
+    return VideoOffset(OffsetSource.FOUND, clock.offset_us / 1e6, found.std_s)

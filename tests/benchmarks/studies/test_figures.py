@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.studies.figures import drift, drift_figures, navigation_figures, pooled, scored
+from benchmarks.studies.figures import drift, drift_figures, innovation_figures, navigation_figures, pooled, scored
 
 COV = np.array([[4.0, 1.5], [1.5, 2.0]])
 
@@ -96,3 +96,16 @@ def test_valid_and_by_vision_are_told_apart() -> None:
     assert figures["declared_valid"] == pytest.approx(0.75)
     assert figures["availability"] == pytest.approx(0.5)
     assert figures["by_vision"] == pytest.approx(0.75)
+
+
+def test_innovations_are_pooled_by_how_many_numbers_they_hold() -> None:
+    runs = [
+        {"fix": {"numbers": 10, "nis_per_dof": 1.0}, "barometer": {"numbers": 60, "nis_per_dof": 0.5}},
+        {"fix": {"numbers": 30, "nis_per_dof": 2.0}},
+    ]
+
+    figures = innovation_figures(runs)
+
+    assert figures["nis_per_dof_of"] == {"barometer": 0.5, "fix": 1.75}
+    assert figures["nis_per_dof"] == pytest.approx(1.0)
+    assert innovation_figures([]) == {}

@@ -192,6 +192,18 @@ def test_attitude_correction_turns_about_the_ned_axes() -> None:
     assert_allclose(moved[2], before[2], atol=1e-9)
 
 
+def test_accepted_innovations_are_tallied_by_what_was_measured() -> None:
+    eskf = _filter(np.zeros((FULL.size, FULL.size)))
+    H = FULL.jacobian(2, position=np.eye(3)[:2])
+    for z in ([1.0, 2.0], [3.0, 0.0]):
+        eskf.update(np.array(z), H, np.eye(2) * 4.0, what="fix")
+    eskf.update(np.array([90.0, 0.0]), H, np.eye(2), gate=25.0, what="fix")
+
+    assert set(eskf.innovations) == {"fix"}
+    assert eskf.innovations["fix"].numbers == 4
+    assert eskf.innovations["fix"].nis_per_dof == pytest.approx((5.0 + 9.0) / 4.0 / 4.0)
+
+
 def test_rejected_innovation_leaves_the_state_alone() -> None:
     eskf = _filter(np.eye(FULL.size))
     before = eskf.nominal
