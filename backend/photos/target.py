@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from backend.uncertainty import circular_error_m, ellipse95
 from estimator.errors import GeometryError
 from estimator.ports import ReferenceMap
 from estimator.registration.alignment import NoMatch
+from estimator.registration.contour import ContourConfig, place_by_contours
 from estimator.registration.locate import Located, NotLocated
 from estimator.registration.placement import Placement, PlacementConfig, place, place_by_keypoints
 from estimator.targets.ray import RayTarget, cut_ray
@@ -31,6 +33,16 @@ TARGET_HEIGHT_SHARE = 0.25
 SURE_BELOW = 0.001
 """Outlier probability of the photo's place above which it is no ground for a coordinate, though a photo is accepted up
 to more: its ellipse is of metres, and says nothing of a place that is wrong altogether."""
+
+
+class Method(StrEnum):
+    """By which registration a located photo is laid on the map.
+
+    ``registered`` is the station's own, ``contour`` the published one (``estimator.registration.contour``).
+    """
+
+    REGISTERED = "registered"
+    CONTOUR = "contour"
 
 
 class PhotoTargetError(StationError):
@@ -50,6 +62,7 @@ class TargetOptions:
     pixel_std_px: float = CLICK_STD_PX
     map_std_m: float | None = None
     map_offset_std_m: float | None = None
+    method: Method = Method.REGISTERED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,21 +115,30 @@ def locate_pixels(
             f" probability {located.outlier_probability:.1%}, at most {SURE_BELOW:.1%} is taken; say more of where and"
             " how it was taken (--near with --radius, --heading, --pitch, --roll, --agl)"
         )
-    placed = place(
-        attempt.image, attempt.camera, attempt.reference, attempt.terrain, session.frame.alt_m, located.pose,
-        located.cov_pose, attempt.prior.covariance(), PlacementConfig(map_std_m=options.map_std_m),
-    )  # fmt: skip
-    strength = attempt.config.confirm.sure_strength
-    if isinstance(placed, NoMatch) and located.source != "correlation" and located.evidence.pairs >= strength:
-        placed = place_by_keypoints(
-            attempt.terrain, session.frame.alt_m, located.pose, located.cov_pose,
-            PlacementConfig(map_std_m=options.map_std_m),
-        )  # fmt: skip
+    placed = _laid(session, attempt, located, options)
     if isinstance(placed, NoMatch):
         raise PhotoTargetError(f"{path}: the photo was located, but cannot be laid on the map: {placed.reason}")
     answer = session.in_degrees(path.name, located, 0.0)
     targets = tuple(_target(session, attempt, located, placed, uv, options) for uv in pixels)
     return PhotoTargets(answer, placed, targets)
+
+
+def _laid(session: PhotoSession, attempt: Attempt, located: Located, options: TargetOptions) -> Placement | NoMatch:
+    """A located photo on the map, by the method chosen."""
+    scene = attempt.image, attempt.camera, attempt.reference, attempt.terrain, session.frame.alt_m
+    pose = located.pose, located.cov_pose, attempt.prior.covariance()
+    if options.method is Method.CONTOUR:
+        config = ContourConfig()
+        placement = replace(config.placement, map_std_m=options.map_std_m)
+        return place_by_contours(*scene, *pose, replace(config, placement=placement))
+    config_of_match = PlacementConfig(map_std_m=options.map_std_m)
+    placed = place(*scene, *pose, config_of_match)
+    strength = attempt.config.confirm.sure_strength
+    if isinstance(placed, NoMatch) and located.source != "correlation" and located.evidence.pairs >= strength:
+        placed = place_by_keypoints(
+            attempt.terrain, session.frame.alt_m, located.pose, located.cov_pose, config_of_match
+        )
+    return placed
 
 
 def _target(
@@ -137,6 +159,7 @@ def _target(
         )
     except GeometryError as error:
         return PhotoTarget(uv_px, str(error))
+    found = replace(found, method=options.method)
     if not _on_map(attempt.reference, found.pos_ned_m):
         return PhotoTarget(uv_px, "what the pixel shows lies beyond the map, where no match supports it")
     ray, apart_m, apart_sigmas = None, None, None

@@ -35,7 +35,15 @@ from backend.photos.options import (
     pair,
 )
 from backend.photos.session import PhotoSession
-from backend.photos.target import PhotoTarget, PhotoTargets, TargetOptions, as_geojson, as_object, locate_pixels
+from backend.photos.target import (
+    Method,
+    PhotoTarget,
+    PhotoTargets,
+    TargetOptions,
+    as_geojson,
+    as_object,
+    locate_pixels,
+)
 from geodata.errors import GeodataError
 from geodata.flight_write import write_atomically
 
@@ -60,6 +68,9 @@ def locate_target(
     map_offset_std: Annotated[
         float | None, typer.Option(help="How far the whole map may be displaced, metres on each axis  [not counted]")
     ] = None,
+    method: Annotated[
+        Method, typer.Option(help="By which registration the photo is laid on the map: ours, or contours as published.")
+    ] = Method.REGISTERED,
     near: Near = None,
     radius: Radius = None,
     sigma: Sigma = None,
@@ -85,7 +96,7 @@ def locate_target(
     if out is not None and out.suffix.lower() not in (".geojson", ".json"):
         raise typer.BadParameter(f"--out {out}: the name must end in .geojson")
     pixels = [_pixel(text) for text in pixel]
-    options = _options(target_height, target_height_std, pixel_std, map_std, map_offset_std)
+    options = _options(target_height, target_height_std, pixel_std, map_std, map_offset_std, method)
     given = given_hints(near, radius, sigma, agl, alt_amsl, heading, pitch, roll, hfov, camera)
     try:
         hints = given if priors is None else read_priors(priors).get(photo.name, Hints()).over(given)
@@ -122,7 +133,7 @@ def _pixel(text: str) -> tuple[float, float]:
 
 def _options(
     height_m: float, height_std_m: float | None, pixel_std_px: float, map_std_m: float | None,
-    map_offset_std_m: float | None,
+    map_offset_std_m: float | None, method: Method,
 ) -> TargetOptions:  # fmt: skip
     if not abs(height_m) <= MAX_HEIGHT_M:
         raise typer.BadParameter(f"--target-height is at most {MAX_HEIGHT_M:g} m above or below ground, not {height_m}")
@@ -132,7 +143,7 @@ def _options(
     for name, value in named:
         if value is not None and not 0.0 <= value <= MAX_HEIGHT_M:
             raise typer.BadParameter(f"{name} is 0 to {MAX_HEIGHT_M:g} m, not {value}")
-    return TargetOptions(height_m, height_std_m, pixel_std_px, map_std_m, map_offset_std_m)
+    return TargetOptions(height_m, height_std_m, pixel_std_px, map_std_m, map_offset_std_m, method)
 
 
 def _object(found: PhotoTargets) -> dict[str, Any]:

@@ -98,11 +98,7 @@ def _place_by(
     turns = _steps(config.turn_rad, config.matcher.heading_step_rad)
     scales = _steps(config.scale, config.matcher.scale_step)
     stated = registrar.calibration.likelihood
-    aim = pose.ned_from_camera[:, 2]
-    height_m = float(ground.down_at_m(pose.pos_ned_m[:2]) - pose.pos_ned_m[2])
-    T = by_centre(pose.pos_ned_m + aim * (height_m / max(float(aim[2]), 0.2)), pose.pos_ned_m)
-    std_m = float(np.sqrt(np.linalg.eigvalsh((T @ cov_pose @ T.T)[:2, :2])[-1]))
-    radius_m = min(config.radius_m, config.max_sigmas * float(np.hypot(std_m, stated.map_std_m)))
+    radius_m = search_radius_m(pose, ground, cov_pose, config)
     match = registrar.register(image, pose, radius_m, turns, scales)
     if isinstance(match, NoMatch):
         return match
@@ -163,6 +159,16 @@ def by_centre(centre_ned_m: Float, pos_ned_m: Float) -> Float:
     matrix[:2] = ground_point_by_pose(to_centre[:2] / to_centre[2], np.asarray(to_centre[2]))
     matrix[2, 2] = -1.0 / to_centre[2]
     return matrix
+
+
+def search_radius_m(pose: CameraPose, ground: Ground, cov_pose: Float, config: PlacementConfig) -> float:
+    """How far about the pose's middle a match is sought: the sigmas of pose (6, 6) and map, within the radius."""
+    aim = pose.ned_from_camera[:, 2]
+    height_m = float(ground.down_at_m(pose.pos_ned_m[:2]) - pose.pos_ned_m[2])
+    T = by_centre(pose.pos_ned_m + aim * (height_m / max(float(aim[2]), 0.2)), pose.pos_ned_m)
+    std_m = float(np.sqrt(np.linalg.eigvalsh((T @ cov_pose @ T.T)[:2, :2])[-1]))
+    map_std_m = config.matcher.calibrated().likelihood.map_std_m
+    return min(config.radius_m, config.max_sigmas * float(np.hypot(std_m, map_std_m)))
 
 
 def _by_windows(

@@ -106,6 +106,15 @@ def test_the_text_says_coordinate_uncertainty_and_both_methods(tmp_path: Path) -
         assert word in result.output
 
 
+def test_contours_as_published_come_to_the_same_place(tmp_path: Path) -> None:
+    answer = _answer(_seneca(tmp_path, "--pixel", CENTRE, "--json", "--method", "contour"))
+
+    target = answer["targets"][0]
+    assert (answer["match"], target["method"]) == ("contours", "contour")
+    assert np.hypot(*_away_m(target, *TRUE_CENTRE[:2])) < 1.5
+    assert target["ce90_m"] > 0.0
+
+
 def test_a_photo_that_is_not_located_gives_no_coordinate() -> None:
     seneca, brighton = shared_data("photos/seneca"), shared_data("photos/brighton")
 
@@ -139,6 +148,7 @@ def test_a_missing_photo_is_told(tmp_path: Path) -> None:
     (("--pixel", "1,1", "--pixel-std", "0"), "--pixel-std is a positive"),
     (("--pixel", "1,1", "--out", "a.kml"), "must end in"),
     (("--pixel", "1,1", "--near", "x"), "not LAT,LON"),
+    (("--pixel", "1,1", "--method", "magic"), "registered"),
     ((), "--pixel"),
 ])  # fmt: skip
 def test_misuse_ends_with_2(options: tuple[str, ...], problem: str) -> None:
