@@ -98,8 +98,9 @@ def _locate(
     state: NavigationState, setup: NavigationSetup, uv_px: tuple[float, float]
 ) -> tuple[RayTarget, WatchedGround]:
     ground = WatchedGround(setup.ground)
+    ground_std_m, slope_std = setup.ground_errors(state)
     found = locate_ray(
         state, setup.camera, uv_px, ground, setup.frame,
-        ground_std_m=setup.ground_std_m, pixel_std_px=CLICK_STD_PX,
+        ground_std_m=ground_std_m, pixel_std_px=CLICK_STD_PX, slope_std=slope_std,
     )  # fmt: skip
     return found, ground

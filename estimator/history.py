@@ -193,6 +193,7 @@ def between(before: NavigationState, after: NavigationState, t_us: int) -> Navig
         vel_ned_m_s=before.vel_ned_m_s + share * (after.vel_ned_m_s - before.vel_ned_m_s),
         q_ned_from_body=q_slerp(before.q_ned_from_body, after.q_ned_from_body, share),
         q_ned_from_camera=q_slerp(before.q_ned_from_camera, after.q_ned_from_camera, share),
+        lever_ned_m=before.lever_ned_m + share * (after.lever_ned_m - before.lever_ned_m),
     )
 
 

@@ -486,7 +486,8 @@ class Navigator:
             t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset,
             self._watch.doubts(eskf, self._fixer),
         )  # fmt: skip
-        return snapshot(eskf, given, self.frame, camera, self._ground_down(eskf.nominal.motion.pos_ned_m))
+        lever = self._camera_attitude.lever_arm_frd_m
+        return snapshot(eskf, given, self.frame, camera, lever, self._ground_down(eskf.nominal.motion.pos_ned_m))
 
 
 def _grey(image: Image) -> Image:

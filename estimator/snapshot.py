@@ -8,9 +8,9 @@ import numpy as np
 
 from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import q_from_matrix
+from estimator.geometry.rotation import matrix_from_q, q_from_matrix, skew
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
-from estimator.types import Doubt, Mode, NavigationState, VideoOffset
+from estimator.types import Doubt, Float, Mode, NavigationState, VideoOffset
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +26,17 @@ class Given:
 
 
 def snapshot(
-    eskf: ErrorStateFilter, given: Given, frame: LocalFrame, camera: CameraAttitude, ground_down_m: float
-) -> NavigationState:
+    eskf: ErrorStateFilter, given: Given, frame: LocalFrame, camera: CameraAttitude, lever_arm_frd_m: Float,
+    ground_down_m: float,
+) -> NavigationState:  # fmt: skip
     """The state with its covariances, over ground at ``ground_down_m`` (NaN where unknown)."""
     motion = eskf.nominal.motion
     lat, lon, alt = frame.geodetic_from_ned(motion.pos_ned_m)
-    T = np.vstack((eskf.layout.jacobian(3, position=np.eye(3)), camera_rotation_jacobian(camera, eskf)))
+    lever_ned_m = matrix_from_q(motion.q_ned_from_body) @ lever_arm_frd_m
+    # R_true = Exp(dtheta) R turns the lever by dtheta x lever
+    lens = eskf.layout.jacobian(3, position=np.eye(3), attitude=-skew(lever_ned_m))
+    T = np.vstack((lens, camera_rotation_jacobian(camera, eskf), eskf.layout.jacobian(1, ground_bias=np.ones((1, 2)))))
+    cov = T @ eskf.P @ T.T
     has_boresight = eskf.layout.has("boresight")
     return NavigationState(
         t_us=given.t_us,
@@ -48,12 +53,16 @@ def snapshot(
         cov_pos_ned_m2=eskf.cov("position"),
         cov_vel_ned_m2_s2=eskf.cov("velocity"),
         cov_attitude_rad2=eskf.cov("attitude"),
-        cov_camera_pose=T @ eskf.P @ T.T,
+        cov_camera_pose=cov[:6, :6],
         last_fix_age_s=given.last_fix_age_s,
         boresight_rad=eskf.nominal.boresight_rad.copy() if has_boresight else None,
         cov_boresight_rad2=eskf.cov("boresight") if has_boresight else None,
         video_offset=given.video_offset,
         doubts=given.doubts,
+        lever_ned_m=lever_ned_m,
+        ground_bias_m=eskf.nominal.ground_bias_m,
+        map_bias_std_m=eskf.map_bias_std_m if eskf.layout.has("map_bias") else float("nan"),
+        cov_ground_bias=cov[6] if eskf.layout.has("ground_bias") else None,
     )
 
 

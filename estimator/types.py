@@ -6,7 +6,7 @@ it. Everything is a frozen dataclass; arrays are float64 unless said and are not
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -177,6 +177,10 @@ class NavigationState:
     ``alt_agl_m`` is above the ground below the vehicle, NaN where the ground is unknown.
     ``last_fix_age_s`` counts from the last accepted absolute position fix, infinity before the first.
     ``doubts`` are those that stand.
+    ``lever_ned_m`` (3,) leads from the vehicle's position to the lens. ``ground_bias_m`` is how far what is seen about
+    here lies below the ground model, ``cov_ground_bias`` (7,) its covariance with the six of the camera's pose and its
+    own variance, None where it is not estimated. ``map_bias_std_m`` is how far, on each axis, the reference imagery is
+    displaced from place to place as this flight's pictures have it; NaN where nothing says so.
     ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
     gimbal frame from the stated mount to the true one; None where it is not estimated.
     """
@@ -201,6 +205,10 @@ class NavigationState:
     cov_boresight_rad2: Float | None = None
     video_offset: VideoOffset | None = None
     doubts: tuple[Doubt, ...] = ()
+    lever_ned_m: Float = field(default_factory=lambda: np.zeros(3))
+    ground_bias_m: float = 0.0
+    cov_ground_bias: Float | None = None
+    map_bias_std_m: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -55,6 +55,8 @@ def evidence_of(
     target, frame, setup, found = sighting.target, sighting.frame, sighting.setup, sighting.found
     camera, mount, place = setup.camera, setup.mount, setup.frame
     u_px, v_px = sighting.camera_uv_px
+    ground_std_m, slope_std = setup.ground_errors(sighting.state)
+    lens = sighting.state.pos_ned_m + sighting.state.lever_ned_m
     return Evidence(
         program=ProgramPart(name="pilotage", version=version),
         target=TargetPart(id=target.id, version=target.version, created_unix_us=target.created_unix_us),
@@ -78,7 +80,7 @@ def evidence_of(
         ),
         local_frame=FramePlacePart(lat_rad=place.lat_rad, lon_rad=place.lon_rad, alt_m=place.alt_m),
         ground=GroundPart(
-            model=ground_part_of(sighting.ground, sighting.state.pos_ned_m, found.pos_ned_m), std_m=setup.ground_std_m,
+            model=ground_part_of(sighting.ground, lens, found.pos_ned_m), std_m=ground_std_m, slope_std=slope_std,
             target_height_m=0.0, slope_step_m=SLOPE_STEP_M, max_range_m=MAX_RANGE_M,
         ),
         files=files,
@@ -101,6 +103,8 @@ def _state(state: NavigationState, assumption: str | None) -> StatePart:
         q_ned_from_body=state.q_ned_from_body.tolist(), q_ned_from_camera=state.q_ned_from_camera.tolist(),
         cov_pos_ned_m2=_matrix(state.cov_pos_ned_m2), cov_camera_pose=_matrix(state.cov_camera_pose),
         last_fix_age_s=_known(state.last_fix_age_s), doubts=[str(doubt) for doubt in state.doubts],
+        lever_ned_m=state.lever_ned_m.tolist(), ground_bias_m=float(state.ground_bias_m),
+        cov_ground_bias=None if state.cov_ground_bias is None else state.cov_ground_bias.tolist(),
     )  # fmt: skip
 
 

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from backend.errors import BundleError
 from backend.settings import describe_validation
 
-SCHEMA: Literal["pilotage.evidence/1"] = "pilotage.evidence/1"
+SCHEMA: Literal["pilotage.evidence/2"] = "pilotage.evidence/2"
 HASH_FIELD = "content_sha256"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -76,7 +76,10 @@ class ClickPart(_Part):
 
 
 class StatePart(_Part):
-    """The vehicle at the exposure; names as in `estimator.types.NavigationState`. Null where nobody knew."""
+    """The vehicle at the exposure; names as in `estimator.types.NavigationState`. Null where nobody knew.
+
+    The ray starts at ``pos_ned_m`` + ``lever_ned_m`` and is cut with the ground lowered by ``ground_bias_m``.
+    """
 
     t_unix_us: int
     mode: str
@@ -94,6 +97,9 @@ class StatePart(_Part):
     cov_camera_pose: Matrix6
     last_fix_age_s: Finite | None
     doubts: list[str]
+    lever_ned_m: Vector3
+    ground_bias_m: Finite
+    cov_ground_bias: Annotated[list[Finite], Field(min_length=7, max_length=7)] | None
 
 
 class CameraPart(_Part):
@@ -164,6 +170,7 @@ class GroundPart(_Part):
 
     model: Annotated[FlatPart | StripPart, Field(discriminator="kind")]
     std_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    slope_std: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
     target_height_m: Finite
     slope_step_m: Positive
     # Longer rays than the air lets through would only keep a reader busy.
@@ -216,7 +223,7 @@ class ResultPart(_Part):
 class Evidence(_Part):
     """The whole document."""
 
-    schema_name: Annotated[Literal["pilotage.evidence/1"], Field(alias="schema")] = SCHEMA
+    schema_name: Annotated[Literal["pilotage.evidence/2"], Field(alias="schema")] = SCHEMA
     program: ProgramPart
     target: TargetPart
     frame: FramePart

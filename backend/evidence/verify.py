@@ -54,6 +54,7 @@ def verify(evidence: Evidence, name: str) -> Verdict:
         ground. ``name`` says in it which file.
     """
     cov_pose = covariance(evidence.state.cov_camera_pose, "the camera pose's covariance (state.cov_camera_pose)", name)
+    _check_ground_bias(evidence, cov_pose, name)
     cov_stated = covariance(evidence.result.cov_ned_m2, "the result's covariance (result.cov_ned_m2)", name)
     click, camera_part, place = evidence.click, evidence.camera, evidence.local_frame
     _check_pixel(evidence, name)
@@ -66,7 +67,7 @@ def verify(evidence: Evidence, name: str) -> Verdict:
         found = locate_ray(
             _state(evidence, cov_pose, name), camera, (click.camera_u_px, click.camera_v_px),
             ground_model_of(evidence.ground.model), frame, evidence.ground.std_m, click.std_px,
-            evidence.ground.target_height_m, evidence.ground.max_range_m,
+            evidence.ground.target_height_m, evidence.ground.max_range_m, evidence.ground.slope_std,
         )  # fmt: skip
     except GeometryError as error:
         raise BundleError(name, f"gives no coordinate: {error}") from None
@@ -121,6 +122,15 @@ def covariance(rows: list[list[float | None]], what: str, name: str) -> Float:
     return cov
 
 
+def _check_ground_bias(evidence: Evidence, cov_pose: Float, name: str) -> None:
+    """The ground's bias must be as uncertain as goes with the pose's covariance (6, 6)."""
+    last = evidence.state.cov_ground_bias
+    if last is not None:
+        joint: list[list[float | None]] = [[*row, last[n]] for n, row in enumerate(cov_pose.tolist())]
+        what = "the covariance of pose and ground bias (state.cov_camera_pose, state.cov_ground_bias)"
+        covariance([*joint, list(last)], what, name)
+
+
 def _check_pixel(evidence: Evidence, name: str) -> None:
     click, frame, camera = evidence.click, evidence.frame, evidence.camera
     # Pixel centres are whole numbers, so the picture's edge lies at -0.5.
@@ -147,6 +157,8 @@ def _state(evidence: Evidence, cov_camera_pose: Float, name: str) -> NavigationS
         cov_pos_ned_m2=np.array([[_number(value) for value in row] for row in state.cov_pos_ned_m2]),
         cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=cov_camera_pose[3:, 3:],
         cov_camera_pose=cov_camera_pose, last_fix_age_s=_number(state.last_fix_age_s),
+        lever_ned_m=np.array(state.lever_ned_m), ground_bias_m=state.ground_bias_m,
+        cov_ground_bias=None if state.cov_ground_bias is None else np.array(state.cov_ground_bias),
     )  # fmt: skip
 
 

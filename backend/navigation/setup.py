@@ -18,6 +18,7 @@ from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
+from estimator.types import NavigationState
 from geodata.elevation import ElevationGrid, FlatGround
 from geodata.flight_meta import CameraMeta, FlightMeta, MapMeta, VehicleMeta
 from geodata.imagery import NeBounds, ReferenceImagery
@@ -28,6 +29,7 @@ REACH_M = 6_000.0  # how far from the local frame's origin a large map is read
 FLAT_GROUND_STD_M = 10.0
 FLAT_GROUND_LENGTH_M = 400.0  # land that is taken for flat rolls over such distances
 TERRAIN_STD_M = 2.0
+UNKNOWN_SLOPE_STD = 0.03  # of land that is taken for level
 POSTING_SHARE = 0.1  # of an elevation model's posting is its own error: 3 m at 30 m
 
 
@@ -93,6 +95,15 @@ class NavigationSetup:
     ground_bias_length_m: float | None = None
     place_known: bool = True
     files: tuple[FileUsed, ...] = ()
+
+    def ground_errors(self, state: NavigationState) -> tuple[float, float]:
+        """Errors of the ground's height at a point (m) and of its slope, beside the bias that a state has learned.
+
+        Where land is taken for level, nearly all of its error is common to what is in sight: that is the bias.
+        """
+        if state.cov_ground_bias is None or not isinstance(self.ground, FlatGround):
+            return self.ground_std_m, 0.0
+        return 0.0, UNKNOWN_SLOPE_STD
 
     def navigator(self, config: NavigatorConfig | None = None) -> Navigator:
         """A fresh Navigator, by a configuration of its own or the one that suits."""

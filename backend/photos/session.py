@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from backend.navigation.setup import CameraProfile, camera_of
+from backend.navigation.setup import UNKNOWN_SLOPE_STD, CameraProfile, camera_of
 from backend.photos.hints import DEFAULT_RADIUS_M, HintError, Hints, hints_of_photo
 from backend.uncertainty import ellipse95
 from estimator.geometry.camera import Camera
@@ -29,7 +29,6 @@ WHOLE_MAP_PIXELS = 25_000_000
 WHOLE_MAP_RADIUS_M = 1500.0
 PICTURE_PX = 640
 GUESSED_AGL_M = (45.0, 75.0, 120.0, 190.0)
-UNKNOWN_SLOPE_STD = 0.03  # of farmland that is taken for level
 HEADING_STD_RAD = math.radians(5.0)
 KNOWN_TILT_STD_RAD, OPEN_TILT_STD_RAD = math.radians(2.0), math.radians(7.0)
 

@@ -14,9 +14,9 @@ import numpy as np
 from backend.clicks import CLICK_STD_PX
 from backend.coordinates import mgrs_of
 from backend.errors import StationError
-from backend.navigation.setup import FLAT_GROUND_STD_M, TERRAIN_STD_M
+from backend.navigation.setup import FLAT_GROUND_STD_M, TERRAIN_STD_M, UNKNOWN_SLOPE_STD
 from backend.photos.hints import Hints
-from backend.photos.session import UNKNOWN_SLOPE_STD, Attempt, PhotoAnswer, PhotoSession
+from backend.photos.session import Attempt, PhotoAnswer, PhotoSession
 from backend.uncertainty import circular_error_m, ellipse95
 from estimator.errors import GeometryError
 from estimator.ports import ReferenceMap

@@ -12,7 +12,7 @@ import numpy as np
 from backend.recorder.estimate import CAMERA_COLUMNS, NUMBER_COLUMNS, camera_pose
 from estimator.geometry.camera import Mount
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import q_from_euler, q_from_matrix
+from estimator.geometry.rotation import matrix_from_q, q_from_euler, q_from_matrix
 from estimator.measurements.camera_attitude import CameraAttitudeModel, Gimbal
 from estimator.ports import GroundModel
 from estimator.types import CameraAttitudeSample, Float, Mode, NavigationState
@@ -140,6 +140,7 @@ class RecordedStates:
             q_ned_from_body=q_ned_from_body, q_ned_from_camera=q_ned_from_camera, cov_pos_ned_m2=cov,
             cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=pose[3:, 3:], cov_camera_pose=pose,
             last_fix_age_s=math.inf,
+            lever_ned_m=matrix_from_q(q_ned_from_body) @ np.asarray(self.mount.lever_arm_frd_m, dtype=np.float64),
         )  # fmt: skip
 
     def assumption_at(self, t_us: int) -> str | None:

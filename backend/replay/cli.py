@@ -20,6 +20,7 @@ from backend.link.dialect import message_layouts
 from backend.replay.denial import StationDenial, denied_spans, vehicle_id_of
 from backend.replay.live import Downlink, moments, play
 from backend.replay.offline import ReplayOptions, ReplayResult, replay_flight
+from backend.replay.offset import calibrate
 from backend.settings import DEFAULT_PORT
 from backend.transports.address import Connection
 from backend.transports.base import TransportError
@@ -48,6 +49,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("replay")(replay)
     app.command("evaluate")(evaluate)
+    app.command("map-offset")(calibrate)
 
 
 def replay(

@@ -19,7 +19,7 @@ from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.replay.report import write_report
-from backend.replay.targets import locate_clicks, write_targets
+from backend.replay.targets import ClickPictures, locate_clicks, write_sightings, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
@@ -79,7 +79,7 @@ def replay_flight(
     folder: FlightFolder, out: Path, progress: Callable[[float], None] | None = None,
     options: ReplayOptions | None = None,
 ) -> ReplayResult:  # fmt: skip
-    """Run the estimator over a flight and write ``estimate.csv``, ``fixes.csv``, ``targets.csv`` and the report.
+    """Run the estimator over a flight and write its tables (``docs/howto/record-and-replay.md``) and the report.
 
     Raises
     ------
@@ -97,13 +97,15 @@ def replay_flight(
         waiting = run.navigator.waiting_for or "anything to work on"
         raise ReplayError(f"{folder.path}: no estimate: the estimator was still waiting for {waiting} at the end")
     evaluation = evaluate_against_truth(folder, run.states)
-    targets = locate_clicks(folder, setup, run.navigator_states, run.navigator.exposure_us(run.time_offset_us))
+    offset_us = run.navigator.exposure_us(run.time_offset_us)
+    targets, sightings = locate_clicks(folder, setup, run.navigator_states, offset_us, run.clicked)
     elapsed_s = time.perf_counter() - started
     report = _report(folder, run, evaluation, elapsed_s)
     out.mkdir(parents=True, exist_ok=True)
     _write_estimate(out / "estimate.csv", run.states)
     _write_fixes(out / "fixes.csv", run.fixes)
     write_targets(out / "targets.csv", targets)
+    write_sightings(out / "sightings.csv", sightings)
     report["targets"] = len(targets)
     (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n")
     write_report(out / "report.html", folder, report, run.states)
@@ -169,6 +171,7 @@ class _Run:
         self.states: list[NavigationState] = []
         self.navigator_states = self.navigator.state_at
         self.fixes: list[FixReport] = []
+        self.clicked = ClickPictures(folder.clicks())
         self.frames = 0
         self.frames_untimed = 0
         self.frames_misshapen = 0
@@ -233,10 +236,11 @@ class _Run:
             if t_us is None:
                 self.frames_untimed += 1
                 continue
-            t_us += self.time_offset_us
             image = self._at_size(frame)
             if image is None:
                 continue
+            self.clicked.offer(t_us, image)
+            t_us += self.time_offset_us
             if last_us is None:
                 last_us = min(t_us, self._next.t_us if self._next is not None else t_us)
             while t_us - last_us > 2 * STATE_INTERVAL_US:

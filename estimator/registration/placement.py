@@ -25,8 +25,9 @@ class PlacementConfig:
     ``max_sigmas`` of the pose and the map, at most ``radius_m``. ``inflation`` multiplies the sigma that windows claim,
     because neighbours err alike; they count where ``min_agreement`` of them agree. ``heading_floor_rad`` and
     ``scale_floor`` are the least that is believed of hypotheses tried. ``map_std_m`` is the map's own local error, None
-    what the matcher's calibration states. ``levels_px`` across the footprint are tried one after the other: a map and a
-    picture that are not alike in their finest detail may be so in what is larger. A match above
+    what the matcher's calibration states; ``windows_map_std_m`` is that of a picture laid by its windows, whose
+    inflated scatter may already hold it, None the same. ``levels_px`` across the footprint are tried one after the
+    other: a map and a picture that are not alike in their finest detail may be so in what is larger. A match above
     ``max_outlier_probability``, or more than ``max_sigmas`` from where the pose has it, is none.
     """
 
@@ -38,6 +39,7 @@ class PlacementConfig:
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
     map_std_m: float | None = None
+    windows_map_std_m: float | None = None
     levels_px: tuple[int, ...] = (512, 160)
     max_outlier_probability: float = 0.3
     max_sigmas: float = 3.0
@@ -110,6 +112,7 @@ def _place_by(
     refined = registrar.refine(match, match.displacement_ne_m, prior_cov)
     if refined is not None and refined.agreement >= config.min_agreement:
         correction, cov, by = *_by_windows(match, pose, refined, prior_cov, config), WINDOWS
+        map_std_m = map_std_m if config.windows_map_std_m is None else config.windows_map_std_m
     else:
         correction, cov, by = *_by_whole(match, pose, registrar, cov_pose, config), WHOLE
     cov[:2, :2] += np.eye(2) * map_std_m**2

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
-from estimator.geometry.ground import DownAt, ground_point_covariance, intersect_plane, intersect_terrain
+from estimator.geometry.ground import DownAt, intersect_plane, intersect_terrain, ray_ground_jacobian
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q
 from estimator.ports import GroundModel
@@ -24,7 +24,11 @@ MAX_RANGE_M = 3000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RayTarget:
-    """Where a pixel's ray meets the ground, and its covariance (3, 3) in NED."""
+    """Where a pixel's ray meets the ground, and its covariance (3, 3) in NED.
+
+    Of that, ``cov_pixel_m2`` (3, 3) is the click's own, and ``height_way_m`` (3,) is how one standard deviation of the
+    ground's height there moves the place; the rest is the pose's.
+    """
 
     lat_rad: float
     lon_rad: float
@@ -32,12 +36,14 @@ class RayTarget:
     pos_ned_m: Float
     cov_ned_m2: Float
     method: str
+    cov_pixel_m2: Float
+    height_way_m: Float
 
 
 def locate_ray(
     state: NavigationState, camera: Camera, uv_px: tuple[float, float], ground: GroundModel, frame: LocalFrame,
     ground_std_m: float, pixel_std_px: float = 1.0, height_above_ground_m: float = 0.0,
-    max_range_m: float = MAX_RANGE_M,
+    max_range_m: float = MAX_RANGE_M, slope_std: float = 0.0,
 ) -> RayTarget:  # fmt: skip
     """Coordinates of what a pixel shows.
 
@@ -48,7 +54,9 @@ def locate_ray(
     uv_px
         Pixel of the recorded picture, distortion included.
     ground_std_m
-        Error of the ground's height.
+        Error of the ground's height at a point, beside the bias that ``state`` has learned of it.
+    slope_std
+        What the ground model leaves of the land's slope between the vehicle and the point, rise over run.
     height_above_ground_m
         How far the thing pointed at stands above the ground.
 
@@ -64,20 +72,51 @@ def locate_ray(
         The pixel lies outside the picture or the lens model, or its ray meets no ground within ``max_range_m``.
     """
     below = float(state.pos_ned_m[2] + state.alt_agl_m)
-    ned_from_camera = matrix_from_q(state.q_ned_from_camera)
+    lens = state.pos_ned_m + state.lever_ned_m
+    seen = Lowered(ground, state.ground_bias_m)
     return cut_ray(
-        state.pos_ned_m, ned_from_camera, state.cov_camera_pose, camera, uv_px, ground, frame, ground_std_m,
-        pixel_std_px, height_above_ground_m, max_range_m, below,
+        lens, matrix_from_q(state.q_ned_from_camera), state.cov_camera_pose, camera, uv_px, seen, frame, ground_std_m,
+        pixel_std_px, height_above_ground_m, max_range_m, below, slope_std, state.cov_ground_bias,
     )  # fmt: skip
+
+
+def pose_above_ground(state: NavigationState) -> tuple[Float, float]:
+    """Covariance (6, 6) of the camera's pose with its height taken above what is seen, and the ground bias's variance.
+
+    A bias of all the ground in sight moves the places of rays as much as the camera's height does, and where the map
+    has told the height above ground the two errors all but cancel.
+    """
+    cov: Float = state.cov_camera_pose.copy()
+    if state.cov_ground_bias is None:
+        return cov, 0.0
+    cross, var = state.cov_ground_bias[:6], float(state.cov_ground_bias[6])
+    cov[2] -= cross
+    cov[:, 2] -= cross
+    cov[2, 2] += var
+    return cov, var
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lowered:
+    """Ground that lies lower than a model has it."""
+
+    ground: GroundModel
+    by_m: float
+
+    def alt_amsl_m(self, north_m: Float, east_m: Float) -> Float:
+        """Altitude of what is seen."""
+        return self.ground.alt_amsl_m(north_m, east_m) - self.by_m
 
 
 def cut_ray(
     pos_ned_m: Float, ned_from_camera: Float, cov_camera_pose: Float, camera: Camera, uv_px: tuple[float, float],
     ground: GroundModel, frame: LocalFrame, ground_std_m: float, pixel_std_px: float = 1.0,
     height_above_ground_m: float = 0.0, max_range_m: float = 3000.0, level_down_m: float = np.nan,
+    slope_std: float = 0.0, cov_ground_bias: Float | None = None,
 ) -> RayTarget:  # fmt: skip
     """The same for a camera pose: position NED (3,), rotation (3, 3) and their covariance (6, 6).
 
+    ``cov_ground_bias`` (7,) is as in ``NavigationState``, of how far all the ground lies below where ``ground`` is.
     ``level_down_m`` is the NED down of level ground for where the terrain is unknown; without it that is refused.
     Raises GeometryError as ``locate_ray`` does.
     """
@@ -95,11 +134,21 @@ def cut_ray(
     if not np.isfinite(point).all() or np.linalg.norm(point - pos_ned_m) > max_range_m:
         raise GeometryError(no_ground(max_range_m))
     slope = _slope(point, down_at) if method == "ray_terrain" else np.zeros(2)
-    cov = ground_point_covariance(
-        pos_ned_m, ray, point, slope, cov_camera_pose, pixel_std_px / camera.fx_px, ground_std_m
-    )
+    ground_std_m = float(np.hypot(ground_std_m, slope_std * np.hypot(*(point - pos_ned_m)[:2])))
+    level = ray_ground_jacobian(pos_ned_m, ray, point, slope)
+    per_down = ray / float(ray[2] - slope @ ray[:2])
+    by = np.column_stack((np.vstack((level, slope @ level)), per_down))
+    joint = np.zeros((7, 7))
+    joint[:6, :6] = cov_camera_pose
+    if cov_ground_bias is not None:
+        joint[6] = joint[:, 6] = cov_ground_bias
+    # a turn of the ray about itself moves nothing: all three axes are the two across
+    by_pixel = (pixel_std_px / camera.fx_px) ** 2 * by[:, 3:6] @ by[:, 3:6].T
+    way = ground_std_m * per_down
+    cov = by @ joint @ by.T + by_pixel + np.outer(way, way)
+    cov = 0.5 * (cov + cov.T)
     lat, lon, alt = frame.geodetic_from_ned(point)
-    return RayTarget(float(lat), float(lon), float(alt), point, cov, method)
+    return RayTarget(float(lat), float(lon), float(alt), point, cov, method, by_pixel, way)
 
 
 def pixel_ray(camera: Camera, uv_px: tuple[float, float]) -> Float:

@@ -99,8 +99,9 @@ class RegisteredTarget:
     """Where on the map a pixel lies.
 
     ``cov_on_map_ned_m2`` (3, 3) is of the place on this map; ``map_offset_std_m`` on each horizontal axis comes on top
-    for the place in the world, and is common to all targets of the map. ``lever_m`` is how far the place lies from the
-    match's centre, ``off_nadir_rad`` how far from the vertical it is seen.
+    for the place in the world, and is common to all targets of the map. Of the former, ``cov_pixel_m2`` (3, 3) is the
+    click's own and ``height_way_m`` (3,) how one standard deviation of the height there moves the place. ``lever_m`` is
+    how far the place lies from the match's centre, ``off_nadir_rad`` how far from the vertical it is seen.
     """
 
     lat_rad: float
@@ -112,6 +113,8 @@ class RegisteredTarget:
     lever_m: float
     off_nadir_rad: float
     budget: Budget
+    cov_pixel_m2: Float
+    height_way_m: Float
     method: str = METHOD
 
     @property
@@ -173,7 +176,7 @@ def locate_registered(
     return RegisteredTarget(
         float(lat), float(lon), float(alt), point, cov, errors.map_offset_std_m, lever_m,
         float(np.arctan2(np.hypot(seen[0], seen[1]), seen[2])),
-        _budget(place, registration.cov, uv_px, spread),
+        _budget(place, registration.cov, uv_px, spread), spread[6:8].T @ spread[6:8], spread[8],
     )  # fmt: skip
 
 

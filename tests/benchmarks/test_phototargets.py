@@ -22,8 +22,9 @@ TRUTH = TargetTruth("T", math.radians(47.0), math.radians(8.0), 400.0)
 def test_a_miss_is_measured_from_the_truth_in_the_stated_sigmas() -> None:
     lat, lon = LocalFrame(TRUTH.lat_rad, TRUTH.lon_rad, 0.0).geodetic_from_ne(np.array([3.0, -4.0]))
     found = RegisteredTarget(
-        float(lat), float(lon), 400.0, np.zeros(3), np.diag([9.0, 4.0, 1.0]), 0.0, 10.0, 0.1, Budget(0, 0, 0, 0, 0, 0)
-    )
+        float(lat), float(lon), 400.0, np.zeros(3), np.diag([9.0, 4.0, 1.0]), 0.0, 10.0, 0.1, Budget(0, 0, 0, 0, 0, 0),
+        np.eye(3), np.zeros(3),
+    )  # fmt: skip
 
     miss = miss_of(PhotoTarget((1.0, 2.0), found=found), TRUTH, "windows")
 

@@ -50,7 +50,7 @@ def height_m(content: dict[str, Any], north_m: float, east_m: float) -> float:
             assert i >= 0
             assert c >= model["first_cols"][i]
             total += (1.0 - abs(row - r)) * (1.0 - abs(col - c)) * height
-    return total
+    return total - float(content["state"]["ground_bias_m"])
 
 
 def cut(content: dict[str, Any], origin: Array, ray: Array) -> Array:
@@ -59,7 +59,8 @@ def cut(content: dict[str, Any], origin: Array, ray: Array) -> Array:
     Where it leaves the known ground, the level plane below the vehicle.
     """
     if content["result"]["ray_method"] == "ray_flat":
-        plane: Array = origin + ray * content["state"]["alt_agl_m"] / ray[2]
+        below_m = content["state"]["alt_agl_m"] - content["state"]["lever_ned_m"][2]
+        plane: Array = origin + ray * below_m / ray[2]
         return plane
 
     def above(s: float) -> float:
@@ -103,9 +104,17 @@ def covariance(content: dict[str, Any], origin: Array, ray: Array, point: Array)
     lower = (on_plane(origin, ray, h) - on_plane(origin, ray, -h)) / (2 * h)
     by_pose, by_pixel = np.stack(moved + turns, axis=-1), np.stack(pixels, axis=-1)
     pixel_std_rad = content["click"]["std_px"] / content["camera"]["fx_px"]
-    cov: Array = by_pose @ np.array(content["state"]["cov_camera_pose"]) @ by_pose.T
+    # ground lower by one metre everywhere moves places along their rays
+    by_all = np.column_stack((by_pose, lower))
+    joint = np.zeros((7, 7))
+    joint[:6, :6] = content["state"]["cov_camera_pose"]
+    if content["state"]["cov_ground_bias"] is not None:
+        joint[6] = joint[:, 6] = content["state"]["cov_ground_bias"]
+    cov: Array = by_all @ joint @ by_all.T
     cov = cov + pixel_std_rad**2 * by_pixel @ by_pixel.T
-    return cov + float(content["ground"]["std_m"]) ** 2 * np.outer(lower, lower)
+    away_m = math.hypot(*(point - origin)[:2])
+    std_m = math.hypot(content["ground"]["std_m"], content["ground"]["slope_std"] * away_m)
+    return cov + std_m**2 * np.outer(lower, lower)
 
 
 def geodetic(content: dict[str, Any], ned_m: Array) -> tuple[float, float, float]:
@@ -135,7 +144,7 @@ async def test_the_bundle_alone_gives_the_coordinate_to_a_millimetre(
         target = await click(running, 37, u_px, v_px)
         bundle = unpack((await evidence_zip(running, target["id"])).content, "bundle")
     content = json.loads(bundle.document)
-    origin, ray = np.array(content["state"]["pos_ned_m"]), ray_of(content)
+    origin, ray = np.array(content["state"]["pos_ned_m"]) + content["state"]["lever_ned_m"], ray_of(content)
 
     point = cut(content, origin, ray)
     lon_deg, lat_deg, alt_m = geodetic(content, point)

@@ -6,10 +6,12 @@ import csv
 import math
 from pathlib import Path
 
+import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 from backend.replay.offline import replay_flight
+from backend.replay.targets import ClickPictures
 from geodata.flight import FlightFolder
 from geodata.flight_tables import Click
 from tests.backend.flight_maker import CAMERA, GROUND_M, HEIGHT_M, LON_DEG, T0_US
@@ -82,3 +84,33 @@ def test_without_a_camera_there_are_no_targets(tmp_path: Path) -> None:
 
     assert result.report["targets"] == 0
     assert (tmp_path / "out" / "targets.csv").read_text().startswith("target,lat_deg,lon_deg,alt_amsl_m,ce90_m")
+
+
+def test_every_click_is_listed_by_every_method_and_the_refused_with_their_reason(tmp_path: Path) -> None:
+    located(
+        tmp_path, Click(AT_US, *CENTRE, "good"), Click(AT_US, -3.0, 50.0, "outside"), Click(T0_US - 9, 1, 1, "early")
+    )
+    with (tmp_path / "out" / "sightings.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+
+    assert [(row["target"], row["method"]) for row in rows] == [
+        ("good", "ray_terrain"), ("good", "fused"), ("outside", ""), ("early", ""),
+    ]  # fmt: skip
+    assert "outside the" in rows[2]["note"]
+    assert rows[2]["lat_deg"] == rows[2]["ce90_m"] == ""
+    assert "not known" in rows[3]["note"]
+    assert rows[1]["note"] == "no picture of that time"
+
+
+def test_pictures_of_clicks_are_kept_as_they_were_and_the_nearest_counts() -> None:
+    rng = np.random.default_rng(1)
+    first, second, third = (rng.integers(0, 255, (48, 64), dtype=np.uint8) for _ in range(3))
+    kept = ClickPictures([Click(1_000_000, 1.0, 1.0, "a"), Click(2_000_000, 1.0, 1.0, "b")])
+
+    for t_us, image in ((990_000, first), (1_001_000, second), (1_015_000, third), (1_500_000, third)):
+        kept.offer(t_us, image)
+
+    assert_array_equal(kept.at(1_000_000), second)
+    assert kept.at(2_000_000) is None
+    kept.offer(2_000_000, np.repeat(first[..., None], 3, axis=2))
+    assert_array_equal(kept.at(2_000_000), first)

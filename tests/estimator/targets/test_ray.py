@@ -143,3 +143,61 @@ def test_ground_beyond_the_range_is_refused() -> None:
 
     with pytest.raises(GeometryError, match="200 m"):
         locate_ray(_state(oblique), CAMERA, (315.0, 243.0), Unknown(), FRAME, 1.0, max_range_m=200.0)
+
+
+def _unsure(state: NavigationState) -> NavigationState:
+    """With a lever and a ground bias whose error goes with the camera's height, as after a fix on the map."""
+    joint = np.diag([4.0, 4.0, 1.0, 1e-4, 1e-4, 4e-4, 1.2])
+    joint[2, 6] = joint[6, 2] = 1.0
+    return replace(
+        state, lever_ned_m=np.array([0.4, -0.3, 0.2]), ground_bias_m=-3.0, cov_camera_pose=joint[:6, :6],
+        cov_ground_bias=joint[6],
+    )  # fmt: skip
+
+
+def test_the_ray_starts_at_the_lens_and_meets_the_ground_where_the_filter_has_it() -> None:
+    ned_from_camera = matrix_from_euler(0.1, 0.5, 0.3) @ NADIR_TOP_NORTH
+    state = _unsure(_state(ned_from_camera))
+    lens = POS + state.lever_ned_m
+    north, east = 110.0, -20.0
+    point = np.array([north, east, -0.1 * north + 0.05 * east - 3.0])  # three metres above the model
+    u, v = CAMERA.project((point - lens) @ ned_from_camera)
+
+    target = locate_ray(state, CAMERA, (float(u), float(v)), Slope(), FRAME, 1.0)
+
+    assert_allclose(target.pos_ned_m, point, atol=0.02)
+
+
+def test_the_covariance_is_that_of_many_poses_and_grounds() -> None:
+    """Pose and ground bias drawn from their joint covariance, rays cut again: what is scattered is what is said."""
+    ned_from_camera = matrix_from_euler(0.0, 0.6, 0.0) @ NADIR_TOP_NORTH
+    state = _unsure(_state(ned_from_camera))
+    assert state.cov_ground_bias is not None
+    joint = np.zeros((7, 7))
+    joint[:6, :6], joint[6], joint[:, 6] = state.cov_camera_pose, state.cov_ground_bias, state.cov_ground_bias
+    uv = (300.0, 200.0)
+    stated = locate_ray(state, CAMERA, uv, Slope(), FRAME, 0.0, pixel_std_px=0.0)
+    rng = np.random.default_rng(5)
+    places = []
+    for error in rng.multivariate_normal(np.zeros(7), joint, 1500, method="cholesky"):
+        turned = q_multiply(q_from_rotvec(error[3:6]), state.q_ned_from_camera)
+        other = replace(
+            state, pos_ned_m=POS + error[:3], q_ned_from_camera=turned, ground_bias_m=state.ground_bias_m + error[6]
+        )
+        places.append(locate_ray(other, CAMERA, uv, Slope(), FRAME, 0.0).pos_ned_m)
+
+    scatter = np.cov(np.array(places).T)
+
+    assert_allclose(scatter, stated.cov_ned_m2, atol=0.1 * np.trace(stated.cov_ned_m2))
+    # height and ground err together: less than the height alone would move the place
+    alone = locate_ray(replace(state, cov_ground_bias=None), CAMERA, uv, Slope(), FRAME, 0.0, pixel_std_px=0.0)
+    assert stated.cov_ned_m2[0, 0] < alone.cov_ned_m2[0, 0] - 0.2
+
+
+def test_the_parts_of_the_covariance_are_the_click_and_the_height() -> None:
+    state = _state(matrix_from_euler(0.0, 0.6, 0.0) @ NADIR_TOP_NORTH, np.zeros((6, 6)))
+    target = locate_ray(state, CAMERA, (300.0, 200.0), Slope(), FRAME, 1.5, pixel_std_px=2.0)
+    higher = locate_ray(state, CAMERA, (300.0, 200.0), Slope(), FRAME, 0.0, 0.0, height_above_ground_m=1.5)
+
+    assert_allclose(target.cov_ned_m2, target.cov_pixel_m2 + np.outer(target.height_way_m, target.height_way_m))
+    assert_allclose(target.height_way_m[:2], (target.pos_ned_m - higher.pos_ned_m)[:2], atol=0.01)
