@@ -1,0 +1,278 @@
+"""Where in a picture something looks like a target: near the expected place at once, further off coarse to fine."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.targets.appearance import (
+    GROUND_FROM_GRID,
+    Appearance,
+    Float32,
+    GridView,
+    grid_from_picture,
+    mapped,
+    peaks,
+    picture_box,
+    square_about,
+)  # fmt: skip
+from estimator.targets.view import ExpectedView
+from estimator.types import Float, Image
+
+NEAR_PX = 20
+BLOBS, CLOSE_PX = 24, 4
+FLIP_MARGIN = 0.06
+"""By what the less expected way round must fit better."""
+APART = 0.6
+"""Of the target's size: what is nearer together than that is one thing."""
+TURN_STEP_RAD = math.radians(8.0)
+WIDE_STEP_RAD = math.radians(12.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Look:
+    """A picture and the homography (3, 3) from offsets on the grid, about the expected place, to its pixels."""
+
+    picture: Image
+    picture_from_grid: Float
+    gain: float
+
+    def pixel(self, offset_px: Float) -> Float:
+        """The pixel (2,) of an offset (2,) on the grid."""
+        return mapped(self.picture_from_grid, offset_px)
+
+    def px_per_step(self, offset_px: Float) -> Float:
+        """Pixels (2, 2) by steps right and down on the grid, at an offset (2,)."""
+        steps = offset_px + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+        uv = mapped(self.picture_from_grid, steps)
+        return np.stack((uv[0] - uv[1], uv[2] - uv[3]), axis=-1)
+
+    def about(self, offset_px: Float) -> Float:
+        """The homography (3, 3) from offsets about another place."""
+        shift = np.array([[1.0, 0.0, offset_px[0]], [0.0, 1.0, offset_px[1]], [0.0, 0.0, 1.0]])
+        out: Float = self.picture_from_grid @ shift
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Match:
+    """A place on the grid: ``offset_px`` (2,) right and down of the expected one, covariance (2, 2), how it fits."""
+
+    offset_px: Float
+    cov_px2: Float
+    score: float
+    turn_rad: float
+    scale: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchArea:
+    """Offsets within ``reach_px`` of ``centre_px`` (2,), turns and scales to be tried.
+
+    ``whole`` asks that the picture shows all of the target: what sticks to its border moves over ground as a car does.
+    """
+
+    centre_px: Float
+    reach_px: int
+    turns_rad: tuple[float, ...]
+    scales: tuple[float, ...] = (1.0,)
+    whole: bool = False
+
+
+class Searcher:
+    """Finds places that fit an appearance."""
+
+    def __init__(self, appearance: Appearance, most: int, least_score: float, least_std_px: float) -> None:
+        self.appearance, self.most, self.least_score = appearance, most, least_score
+        # seen from elsewhere a thing with height is not the same shape
+        self.least_std_px = math.hypot(least_std_px, 0.04 * appearance.size_px)
+        self._small = appearance.halved() if appearance.size_px >= 16.0 else appearance
+        self._step = 2 if self._small is not appearance else 1
+
+    def find(self, look: Look, area: SearchArea) -> list[Match]:
+        """The best places, apart from each other, best first."""
+        if area.reach_px <= NEAR_PX and len(area.turns_rad) <= 3:
+            matches = self._near(look, area)
+        else:
+            matches = []
+            for offset, turn in self._coarse(look, area):
+                matches += self._close(look, area, offset, turn)
+        out: list[Match] = []
+        for one in sorted(matches, key=lambda match: -match.score):
+            away = [float(np.hypot(*(one.offset_px - other.offset_px))) for other in out]
+            if min(away, default=math.inf) > APART * self.appearance.size_px:
+                out.append(one)
+        return out[: self.most]
+
+    def _close(self, look: Look, area: SearchArea, offset: Float, turn: float) -> list[Match]:
+        """At full resolution: colour does not tell front from back, nor small turns apart."""
+        turns = area.turns_rad
+        if len(turns) > 1:
+            middle = turns[len(turns) // 2]
+            ways = [
+                t for t in (turn, turn + math.pi) if min(abs(math.remainder(t - o, 2 * math.pi)) for o in turns) < 0.3
+            ]
+            ways.sort(key=lambda t: abs(math.remainder(t - middle, 2 * math.pi)))
+            first: list[Match] = []
+            for way in ways:
+                seen = self._near(look, SearchArea(offset, CLOSE_PX, (way,), area.scales, area.whole))
+                top = max((match.score for match in first), default=-1.0)
+                if max((match.score for match in seen), default=-1.0) > top + (FLIP_MARGIN if first else 0.0):
+                    first = seen
+            if not first:
+                return []
+            best = max(first, key=lambda match: match.score)
+            if best.score < 1.2 * self.least_score:
+                return first
+            offset, turns = best.offset_px, _about(best.turn_rad, 0.5 * WIDE_STEP_RAD)
+            return self._near(look, SearchArea(offset, 2, turns, area.scales, area.whole))
+        return self._near(look, SearchArea(offset, CLOSE_PX, turns, area.scales, area.whole))
+
+    def _box(
+        self, look: Look, area: SearchArea, step: int, half_px: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+        """The part of the grid, at ``step``, within reach and in the picture, with room for the template."""
+        low, high = picture_box(look.picture, _coarser(look.picture_from_grid, step))
+        low = np.maximum(np.round(area.centre_px / step) - math.ceil(area.reach_px / step), np.floor(low))
+        high = np.minimum(np.round(area.centre_px / step) + math.ceil(area.reach_px / step), np.ceil(high))
+        if (high < low).any():
+            return None
+        return (low - half_px).astype(np.intp), (high + half_px).astype(np.intp)
+
+    def _near(self, look: Look, area: SearchArea) -> list[Match]:
+        a = self.appearance
+        box = self._box(look, area, 1, a.half_px)
+        if box is None:
+            return []
+        grid = grid_from_picture(look.picture, look.picture_from_grid, box)
+        likeness = a.colour.likeness(grid.image, look.gain) * grid.known
+        score, which = _best(a, grid.image, likeness, area.turns_rad, area.scales)
+        out = []
+        for row, col in peaks(score, self.most, max(3, round(0.3 * a.size_px))):
+            reach = a.half_px if area.whole else 0
+            shown = grid.known[row + a.half_px - reach : row + a.half_px + reach + 1,
+                               col + a.half_px - reach : col + a.half_px + reach + 1]  # fmt: skip
+            if score[row, col] < self.least_score or not shown.all():
+                continue
+            step, cov = _subpixel(score, row, col, self.least_std_px)
+            offset = grid.low_px + a.half_px + np.array([col, row]) + step
+            turn, scale = divmod(int(which[row, col]), len(area.scales))
+            out.append(Match(offset, cov, float(score[row, col]), area.turns_rad[turn], area.scales[scale]))
+        return out
+
+    def _coarse(self, look: Look, area: SearchArea) -> list[tuple[Float, float]]:
+        """Offsets (2,) with the turn that fits best there, from a grid of half the resolution."""
+        a, step = self._small, self._step
+        box = self._box(look, area, step, a.half_px)
+        if box is None:
+            return []
+        softened = np.asarray(cv2.GaussianBlur(look.picture, (0, 0), 0.8), np.uint8) if step > 1 else look.picture
+        grid = grid_from_picture(softened, _coarser(look.picture_from_grid, step), box)
+        likeness = np.asarray(a.colour.likeness(grid.image, look.gain) * grid.known, np.float32)
+        found: list[tuple[float, Float, float]] = []
+        for row, col in a.blobs(likeness, BLOBS):
+            found += self._at_blob(likeness, grid, row, col, area)
+        found.sort(key=lambda one: -one[0])
+        return [(step * offset, turn) for _, offset, turn in found[: self.most + 2]]
+
+    def _at_blob(
+        self, likeness: Float32, grid: GridView, row: int, col: int, area: SearchArea
+    ) -> list[tuple[float, Float, float]]:
+        a = self._small
+        turns = area.turns_rad
+        if len(turns) > 3:
+            turns = a.turns_like(likeness, row, col, turns)
+        slack = a.half_px + 3
+        rows, cols = likeness.shape
+        r0, r1 = max(row - slack, 0), min(row + slack + 1, rows)
+        c0, c1 = max(col - slack, 0), min(col + slack + 1, cols)
+        if not turns or min(r1 - r0, c1 - c0) < 2 * a.half_px + 1:
+            return []
+        layers = np.stack([a.contrast(likeness[r0:r1, c0:c1], a.turned(turn, area.scales[0])) for turn in turns])
+        which, r, c = np.unravel_index(int(layers.argmax()), layers.shape)
+        offset = grid.low_px + a.half_px + np.array([c0 + c, r0 + r])
+        return [(float(layers[which, r, c]), offset.astype(np.float64), turns[which])]
+
+
+def surroundings_fit(look: Look, offset_px: Float, remembered: GridView) -> float:
+    """Correlation in [-1, 1] of a place's surroundings with remembered ones; 0 where too little of them shows."""
+    half = remembered.image.shape[0] // 2
+    now = grid_from_picture(look.picture, look.about(offset_px), square_about(half))
+    known = (now.known & remembered.known) > 0
+    if known.mean() < 0.25:
+        return 0.0
+    a = cv2.GaussianBlur(now.image, (0, 0), 1.0)[known].astype(np.float64)
+    b = cv2.GaussianBlur(remembered.image, (0, 0), 1.0)[known].astype(np.float64)
+    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
+    return float((a * b).sum() / math.sqrt(max(float((a * a).sum() * (b * b).sum()), 1e-9)))
+
+
+def picture_from_grid(view: ExpectedView, m_per_grid_px: float) -> Float:
+    """The homography (3, 3) from offsets on the grid to pixels."""
+    ground_from_grid = np.eye(3)
+    ground_from_grid[:2, :2] = m_per_grid_px * GROUND_FROM_GRID
+    if view.picture_from_ground is not None:
+        whole: Float = view.picture_from_ground @ ground_from_grid
+        # about the expected place it is exactly there
+        return _through(whole, view.uv_px)
+    return affine_from_grid(view.uv_px, view.px_per_m, m_per_grid_px)
+
+
+def affine_from_grid(uv_px: Float, px_per_m: Float, m_per_grid_px: float) -> Float:
+    """The same where only the pixels per metre at the place are known."""
+    out = np.eye(3)
+    out[:2, :2], out[:2, 2] = m_per_grid_px * px_per_m @ GROUND_FROM_GRID, uv_px
+    return out
+
+
+def _through(homography: Float, uv_px: Float) -> Float:
+    """The homography, moved in the picture so that the grid's origin falls on ``uv_px``."""
+    move = np.eye(3)
+    move[:2, 2] = uv_px - mapped(homography, np.zeros(2))
+    out: Float = move @ homography
+    return out
+
+
+def _coarser(homography: Float, step: int) -> Float:
+    out: Float = homography @ np.diag([float(step), float(step), 1.0])
+    return out
+
+
+def _about(turn_rad: float, step_rad: float) -> tuple[float, ...]:
+    return (turn_rad - step_rad, turn_rad, turn_rad + step_rad)
+
+
+def _best(
+    appearance: Appearance, piece: Image, likeness: Float32, turns: tuple[float, ...], scales: tuple[float, ...]
+) -> tuple[Float32, NDArray[np.intp]]:
+    """The best score at each place and which turn and scale has it."""
+    share = np.float32(0.25 + 0.35 * appearance.distinct)
+    layers = []
+    for turn in turns:
+        for scale in scales:
+            correlation, contrast = appearance.fit(piece, likeness, appearance.turned(turn, scale))
+            layers.append((1 - share) * correlation + share * contrast)
+    stack = np.stack(layers)
+    which = np.asarray(stack.argmax(axis=0))
+    return np.asarray(np.take_along_axis(stack, which[None], axis=0)[0], np.float32), which
+
+
+def _subpixel(score: Float32, row: int, col: int, least_std_px: float) -> tuple[Float, Float]:
+    """The vertex (2,) right and down of the parabolas through a peak and its neighbours, and covariance (2, 2).
+
+    The better the fit and the sharper the peak, the surer: what the score lacks of 1 is taken for noise of its slope.
+    """
+    step, std = np.zeros(2), np.full(2, 3.0)
+    for axis, (before, after) in enumerate((((row, col - 1), (row, col + 1)), ((row - 1, col), (row + 1, col)))):
+        if not all(0 <= r < score.shape[0] and 0 <= c < score.shape[1] for r, c in (before, after)):
+            continue
+        low, top, high = (float(score[at]) for at in (before, (row, col), after))
+        bend = 2.0 * top - low - high
+        if bend > 1e-4:
+            step[axis] = float(np.clip(0.5 * (high - low) / bend, -0.5, 0.5))
+            std[axis] = float(np.clip(0.12 * (1.0 - top) / bend, 0.0, 3.0))
+    return step, np.diag(np.hypot(std, least_std_px) ** 2)
