@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import math
 import uuid
+from dataclasses import dataclass
 
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError, NoGroundError, NoStateForFrameError
@@ -13,18 +14,21 @@ from backend.evidence.ground import WatchedGround
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.vehicle import VehicleView
 from backend.navigation.setup import NavigationSetup
+from backend.pointing import AT_THE_GROUND, CLICK_STD_PX, CutRay, Pointing, cut, ground_for
 from backend.schemas.geometry import NewTarget
 from backend.store.targets import Target
 from estimator.errors import GeometryError
-from estimator.targets.ray import RayTarget, locate_ray
 from estimator.types import Mode, NavigationState
 
-CLICK_STD_PX = 2.0
 ASPECT_TOLERANCE = 0.01
 
 
 def typed_target(body: NewTarget) -> Target:
     """A target of typed-in coordinates; its uncertainty is unknown."""
+    if body.height_above_ground_m is not None or body.ground is not None:
+        raise InvalidRequestError(
+            "height_above_ground_m and ground say how a pixel is located; typed-in coordinates have alt_amsl_m"
+        )
     if body.lat_deg is None or body.lon_deg is None:
         raise InvalidRequestError("a target needs vehicle_id, frame_id, u_px and v_px, or lat_deg and lon_deg")
     now_us = unix_us()
@@ -35,45 +39,103 @@ def typed_target(body: NewTarget) -> Target:
     )  # fmt: skip
 
 
-async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIdentity) -> Sighting:
-    """What a pixel of a frame shows, with the state at that frame's exposure: the target and what it comes from.
+@dataclass(frozen=True, slots=True, eq=False)
+class PixelPlace:
+    """Where a pixel of a frame lies, and all that went into it. ``t_us`` is the exposure on the states' clock."""
+
+    t_us: int
+    state: NavigationState
+    setup: NavigationSetup
+    camera_uv_px: tuple[float, float]
+    pointing: Pointing
+    ground: WatchedGround
+    cut: CutRay
+    assumption: str | None
+
+    @property
+    def method(self) -> str:
+        """How the place was found, with what was assumed."""
+        return self.cut.method if self.assumption is None else f"{self.cut.method}, {self.assumption}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameView:
+    """The vehicle at a frame's exposure, ``t_us`` on the states' clock."""
+
+    t_us: int
+    state: NavigationState
+    setup: NavigationSetup
+
+
+async def view_of(vehicle: VehicleView, frame: FrameIdentity) -> FrameView:
+    """The vehicle and its camera when a frame was exposed.
 
     Raises
     ------
     NoStateForFrameError
         Nobody knows where the vehicle was then, or how its camera looks.
-    NoGroundError
-        The pixel shows no known ground.
     """
-    if body.u_px is None or body.v_px is None:
-        raise InvalidRequestError("a click needs frame_id, u_px and v_px")
     setup = vehicle.setup
     if setup is None or not setup.has_camera:
         reason = "the estimator has no camera parameters: start the station with --camera CAM.json"
         raise NoStateForFrameError(vehicle.id, frame.frame_id, reason)
-    uv_px = camera_pixel(body.u_px, body.v_px, frame, setup)
     t_us = vehicle.exposure_us(frame)
     state = await vehicle.state_at(t_us)
     if state is None:
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "it is outside the time that the estimator knows")
     if state.mode is Mode.LOST:
         raise NoStateForFrameError(vehicle.id, frame.frame_id, "the estimator was lost then")
+    return FrameView(t_us, state, setup)
+
+
+async def place_of_pixel(
+    vehicle: VehicleView, frame: FrameIdentity, u_px: float, v_px: float, pointing: Pointing = AT_THE_GROUND
+) -> PixelPlace:
+    """What a pixel of a frame shows, with the state at that frame's exposure.
+
+    Raises
+    ------
+    InvalidRequestError
+        The pixel lies outside the frame.
+    NoStateForFrameError
+        Nobody knows where the vehicle was then, or how its camera looks.
+    NoGroundError
+        The pixel shows no known ground.
+    """
+    if vehicle.setup is not None and vehicle.setup.has_camera:
+        camera_pixel(u_px, v_px, frame, vehicle.setup)  # a click beside the picture is that first of all
+    view = await view_of(vehicle, frame)
+    setup, state = view.setup, view.state
+    uv_px = camera_pixel(u_px, v_px, frame, setup)
     try:
-        found, ground = await asyncio.to_thread(_locate, state, setup, uv_px)
+        ground = WatchedGround(ground_for(setup, pointing, state))
+        found = await asyncio.to_thread(cut, state, setup, uv_px, pointing, ground)
     except GeometryError as error:
-        raise NoGroundError(body.u_px, body.v_px, str(error)) from None
+        raise NoGroundError(u_px, v_px, str(error)) from None
+    return PixelPlace(view.t_us, state, setup, uv_px, pointing, ground, found, vehicle.assumption_at(view.t_us))
+
+
+async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIdentity) -> Sighting:
+    """What a pixel of a frame shows: the target and what it comes from. Errors as for `place_of_pixel`."""
+    if body.u_px is None or body.v_px is None:
+        raise InvalidRequestError("a click needs frame_id, u_px and v_px")
+    pointing = Pointing(body.height_above_ground_m or 0.0, body.ground or "terrain")
+    place = await place_of_pixel(vehicle, frame, body.u_px, body.v_px, pointing)
+    found = place.cut.found
     now_us = unix_us()
     cov = found.cov_ned_m2
-    assumption = vehicle.assumption_at(t_us)
-    method = found.method if assumption is None else f"{found.method}, {assumption}"
     target = Target(
         id=str(uuid.uuid4()), name=body.name or "", lat_deg=math.degrees(found.lat_rad),
-        lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=method,
+        lon_deg=math.degrees(found.lon_rad), alt_amsl_m=float(found.alt_amsl_m), method=place.method,
         created_unix_us=now_us, updated_unix_us=now_us, vehicle_id=vehicle.id, frame_id=frame.frame_id,
-        t_unix_us=t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
+        t_unix_us=place.t_us, u_px=body.u_px, v_px=body.v_px, var_n_m2=float(cov[0, 0]), var_e_m2=float(cov[1, 1]),
         var_d_m2=float(cov[2, 2]), cov_ne_m2=float(cov[0, 1]),
+        height_above_ground_m=pointing.height_above_ground_m, ground=pointing.ground,
     )  # fmt: skip
-    return Sighting(target, frame, state, setup, uv_px, CLICK_STD_PX, ground, found, assumption)
+    return Sighting(
+        target, frame, place.state, place.setup, place.camera_uv_px, CLICK_STD_PX, place.ground, found,
+        place.assumption, pointing.height_above_ground_m, place.cut.ground_std_m, place.cut.slope_std,
+    )  # fmt: skip
 
 
 def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: NavigationSetup) -> tuple[float, float]:
@@ -92,15 +154,3 @@ def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: Navigati
         )  # fmt: skip
     # Pixel centres are whole numbers, so the edge lies at -0.5.
     return (u_px + 0.5) * scale_u - 0.5, (v_px + 0.5) * scale_v - 0.5
-
-
-def _locate(
-    state: NavigationState, setup: NavigationSetup, uv_px: tuple[float, float]
-) -> tuple[RayTarget, WatchedGround]:
-    ground = WatchedGround(setup.ground)
-    ground_std_m, slope_std = setup.ground_errors(state)
-    found = locate_ray(
-        state, setup.camera, uv_px, ground, setup.frame,
-        ground_std_m=ground_std_m, pixel_std_px=CLICK_STD_PX, slope_std=slope_std,
-    )  # fmt: skip
-    return found, ground

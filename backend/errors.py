@@ -12,6 +12,7 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
   NoGroundError         the ray of a click meets no ground
+  AlignmentRefusedError an operator's alignment of a frame that cannot be meant
   NoEvidenceError       nothing proves the coordinate that the target has
   BundleError           evidence that cannot be read or believed
   TargetNotKeptError    the target or its evidence could not be written: neither is kept
@@ -120,6 +121,14 @@ class NoGroundError(StationError):
         super().__init__(f"pixel ({u_px:.1f}, {v_px:.1f}) shows no known ground: {reason}")
 
 
+class AlignmentRefusedError(StationError):
+    """An operator's alignment of a frame that cannot be meant, or comes too late."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"the alignment was not used: {reason}")
+
+
 class TargetChangedError(StationError):
     """The target has another version than the request expects."""
 
@@ -183,6 +192,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    AlignmentRefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
     NoEvidenceError: HTTPStatus.NOT_FOUND,
     TargetNotKeptError: HTTPStatus.INSUFFICIENT_STORAGE,
     TargetChangedError: HTTPStatus.PRECONDITION_FAILED,

@@ -91,7 +91,8 @@ class Hub:
         body = {"type": kind, "seq": self._seq, "t_unix_us": unix_us(), **fields}
         text = orjson.dumps(body, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_NON_STR_KEYS).decode()
         key = None
-        if kind in COALESCED:
+        # An operator's fix is an answer that somebody waits for; matches come several times a second.
+        if kind in COALESCED and fields.get("kind") != "operator":
             key = f"{kind}/{fields.get('vehicle_id', '')}/{fields.get('source', '')}/{fields.get('accepted', '')}"
         return Message(text, key)
 

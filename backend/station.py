@@ -251,7 +251,8 @@ class Station:
         if link is None or not vehicle.connected:
             raise CommandRefusedError(f"vehicle '{vehicle_id}' is not connected")
         command_id = str(uuid.uuid4())
-        link_id = send_command(link.link, vehicle, body)
+        frame = None if body.frame_id is None else self.feed(vehicle.video_source or "").identify(body.frame_id)
+        link_id = send_command(link.link, vehicle, body, frame)
         self.fleet.note_command(link.name, link_id, command_id, body.command)
         link.send_soon()
         return command_id

@@ -22,7 +22,7 @@ from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise
 from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, SampleRate, StateHistory, rotation_between
-from estimator.measurements import barometer, gnss, heading
+from estimator.measurements import barometer, gnss, heading, operator_fix
 from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal
 from estimator.measurements.global_fix import FoundPose, GlobalFixer
 from estimator.measurements.innovation import Innovation
@@ -35,6 +35,7 @@ from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.alignment import Registrar
 from estimator.snapshot import Given, horizontal_std_m, snapshot
 from estimator.types import (
+    AlignmentSample,
     AttitudeSample,
     BarometerSample,
     CameraAttitudeSample,
@@ -257,8 +258,12 @@ class Navigator:
                 with self.while_busy(self.outlook()):
                     report = self._fuse_frame(sample)
                     self._search_while_lost(sample)
+            case AlignmentSample():
+                report = operator_fix.fuse(self._eskf, sample, self._history)
             case _:
                 pass
+        if report is not None and report.accepted:
+            self._last_us["accepted"] = sample.t_us
         if isinstance(sample, FrameSample | AttitudeSample | GnssSample):
             self._history.add(self._snapshot(self._eskf, sample.t_us))
         return report
@@ -435,9 +440,7 @@ class Navigator:
         ground_down = float(self._ground_down(camera_pos))
         fix = partial(self._fixer.attempt, replace(sample, image=image), eskf, camera, camera_pos, ground_down)
         report = self._watch.attempt(self._fixer, sample, eskf, self._has_satellites(sample.t_us), fix)
-        if report.accepted:
-            self._last_us["accepted"] = sample.t_us
-        elif self._fixer.rejected_in_row >= 10:
+        if not report.accepted and self._fixer.rejected_in_row >= 10:
             # a lock on the wrong place must be able to let go
             eskf.inflate("position", 1.0)
         self.stage_seconds["registration"] += self._clock_s() - started

@@ -66,7 +66,7 @@ def lay_on_map(image: Image, state: NavigationState, scene: Scene) -> Placement 
     cov, _ = pose_above_ground(state)
     prior = cov.copy()
     prior[:2, :2] += np.eye(2) * POSITION_STD_M**2
-    pose = CameraPose(state.pos_ned_m + state.lever_ned_m, matrix_from_q(state.q_ned_from_camera))
+    pose = CameraPose(state.lens_ned_m, matrix_from_q(state.q_ned_from_camera))
     ground = Lowered(scene.ground, state.ground_bias_m)
     config = _reaching(scene.placement, cov, state.alt_agl_m)
     return place(image, scene.camera, scene.reference, ground, scene.frame.alt_m, pose, cov, prior, config)
@@ -128,6 +128,6 @@ def locate_click(
 
 
 def _sighting(found: RayTarget | RegisteredTarget, state: NavigationState, scene: Scene, click: int) -> TargetSighting:
-    lens = state.pos_ned_m + state.lever_ned_m
+    lens = state.lens_ned_m
     footprint_m = float(np.linalg.norm(found.pos_ned_m - lens)) * scene.camera.width_px / scene.camera.fx_px
     return TargetSighting.of(found, lens, ALIKE_SHARE * footprint_m, click)

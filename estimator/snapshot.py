@@ -61,7 +61,6 @@ def snapshot(
         doubts=given.doubts,
         lever_ned_m=lever_ned_m,
         ground_bias_m=eskf.nominal.ground_bias_m,
-        map_bias_std_m=eskf.map_bias_std_m if eskf.layout.has("map_bias") else float("nan"),
         cov_ground_bias=cov[6] if eskf.layout.has("ground_bias") else None,
     )
 

@@ -133,6 +133,20 @@ class FrameSample:
     stamped: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class AlignmentSample:
+    """An operator's word, given at ``t_us``, on where the vehicle was when a frame was exposed at ``t_frame_us``.
+
+    ``pos_ne_m`` (2,) is that place in the local frame by the reference imagery, ``cov_ne_m2`` (2, 2) its covariance.
+    """
+
+    t_us: int
+    t_frame_us: int
+    frame_id: int
+    pos_ne_m: Float
+    cov_ne_m2: Float
+
+
 Sample = (
     InertialSample
     | AttitudeSample
@@ -143,6 +157,7 @@ Sample = (
     | GnssSample
     | HomeSample
     | FrameSample
+    | AlignmentSample
 )
 
 
@@ -179,8 +194,7 @@ class NavigationState:
     ``doubts`` are those that stand.
     ``lever_ned_m`` (3,) leads from the vehicle's position to the lens. ``ground_bias_m`` is how far what is seen about
     here lies below the ground model, ``cov_ground_bias`` (7,) its covariance with the six of the camera's pose and its
-    own variance, None where it is not estimated. ``map_bias_std_m`` is how far, on each axis, the reference imagery is
-    displaced from place to place as this flight's pictures have it; NaN where nothing says so.
+    own variance, None where it is not estimated.
     ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
     gimbal frame from the stated mount to the true one; None where it is not estimated.
     """
@@ -208,7 +222,12 @@ class NavigationState:
     lever_ned_m: Float = field(default_factory=lambda: np.zeros(3))
     ground_bias_m: float = 0.0
     cov_ground_bias: Float | None = None
-    map_bias_std_m: float = float("nan")
+
+    @property
+    def lens_ned_m(self) -> Float:
+        """Position (3,) of the lens."""
+        lens: Float = self.pos_ned_m + self.lever_ned_m
+        return lens
 
 
 @dataclass(frozen=True, slots=True, eq=False)

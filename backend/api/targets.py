@@ -13,6 +13,7 @@ from backend.api.access import the_station
 from backend.clock import unix_us
 from backend.errors import InvalidRequestError
 from backend.evidence.bundle import pack
+from backend.evidence.cutout import cutout
 from backend.exports.formats import FORMATS, file_name
 from backend.schemas.geometry import (
     NewTarget,
@@ -98,6 +99,18 @@ async def get_evidence(
         return Response(bundle.document, media_type=JSON, headers=headers)
     headers["Content-Disposition"] = f'attachment; filename="{name}.zip"'
     return Response(pack(bundle.document, bundle.picture, bundle.status), media_type=ZIP, headers=headers)
+
+
+@router.get(
+    "/{target_id}/picture", response_class=Response, responses={200: {"content": {"image/jpeg": {}}}}
+)  # fmt: skip
+async def get_picture(
+    target_id: str, station: TheStation, size_px: Annotated[int, Query(ge=16, le=512)] = 128
+) -> Response:
+    """What was clicked: a square of the video about the pixel, as JPEG. 404 where no picture was kept."""
+    bundle = await station.evidence.bundle(station.targets.get(target_id), None)
+    content = await asyncio.to_thread(cutout, bundle, size_px)
+    return Response(content, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
 
 
 @router.patch("/{target_id}")

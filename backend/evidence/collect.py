@@ -35,7 +35,10 @@ from estimator.types import Float, NavigationState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """A located click and what it was computed from. ``ground`` has seen where the computation looked."""
+    """A located click and what it was computed from. ``ground`` has seen where the computation looked.
+
+    ``ground_std_m`` and ``slope_std`` are the errors of its height and slope (one sigma) in the covariance.
+    """
 
     target: Target
     frame: FrameIdentity
@@ -46,6 +49,9 @@ class Sighting:
     ground: WatchedGround
     found: RayTarget
     assumption: str | None
+    height_above_ground_m: float
+    ground_std_m: float
+    slope_std: float
 
 
 def evidence_of(
@@ -55,8 +61,7 @@ def evidence_of(
     target, frame, setup, found = sighting.target, sighting.frame, sighting.setup, sighting.found
     camera, mount, place = setup.camera, setup.mount, setup.frame
     u_px, v_px = sighting.camera_uv_px
-    ground_std_m, slope_std = setup.ground_errors(sighting.state)
-    lens = sighting.state.pos_ned_m + sighting.state.lever_ned_m
+    lens = sighting.state.lens_ned_m
     return Evidence(
         program=ProgramPart(name="pilotage", version=version),
         target=TargetPart(id=target.id, version=target.version, created_unix_us=target.created_unix_us),
@@ -80,8 +85,9 @@ def evidence_of(
         ),
         local_frame=FramePlacePart(lat_rad=place.lat_rad, lon_rad=place.lon_rad, alt_m=place.alt_m),
         ground=GroundPart(
-            model=ground_part_of(sighting.ground, lens, found.pos_ned_m), std_m=ground_std_m, slope_std=slope_std,
-            target_height_m=0.0, slope_step_m=SLOPE_STEP_M, max_range_m=MAX_RANGE_M,
+            model=ground_part_of(sighting.ground, lens, found.pos_ned_m), std_m=sighting.ground_std_m,
+            slope_std=sighting.slope_std, target_height_m=sighting.height_above_ground_m,
+            slope_step_m=SLOPE_STEP_M, max_range_m=MAX_RANGE_M,
         ),
         files=files,
         calibration=_calibration(sighting.state),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from backend.errors import CommandRefusedError, InvalidRequestError
+from backend.fleet.feed import FrameIdentity
 from backend.fleet.vehicle import LiveVehicle
 from backend.link.commands import CommandStep
 from backend.link.events import Autopilot, VehicleType
@@ -19,6 +20,8 @@ DO_SET_MODE = 176
 DO_REPOSITION = 192
 COMPONENT_ARM_DISARM = 400
 INJECT_FAILURE = 420
+CAMERA_TRACK_POINT = 2004
+CAMERA_STOP_TRACKING = 2010
 
 CUSTOM_MODE_ENABLED = 1
 FRAME_GLOBAL_RELATIVE_ALT = 6
@@ -26,12 +29,14 @@ REPOSITION_CHANGES_MODE = 1
 FAILURE_UNIT_GPS = 4
 FAILURE_OF_WORD = {"ok": 0, "off": 1}
 DEFAULT_TAKEOFF_M = 30.0
+# Of the picture's width: what a person means by a point.
+TRACK_RADIUS = 0.02
 
 NAN = math.nan
 
 
-def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody) -> int:
-    """Queue a command on a link; returns the link's id of it.
+def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody, frame: FrameIdentity | None = None) -> int:
+    """Queue a command on a link; returns the link's id of it. ``frame`` is the one that the body names.
 
     Raises
     ------
@@ -41,9 +46,31 @@ def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody) -> 
         The command lacks what it needs.
     """
     try:
+        if body.command in ("track_point", "track_stop"):
+            return link.command_tracker(vehicle.system_id, tracking_steps(body, frame))
         return link.command(vehicle.system_id, steps_of(body, vehicle.autopilot, vehicle.vehicle_type))
     except LookupError as error:
         raise CommandRefusedError(str(error)) from None
+
+
+def tracking_steps(body: CommandBody, frame: FrameIdentity | None) -> list[CommandStep]:
+    """What a camera is told that tracks points itself: places in its picture from 0 to 1, from the top left.
+
+    Raises
+    ------
+    InvalidRequestError
+        The point or its frame is missing, or the point lies outside the frame.
+    """
+    if body.command == "track_stop":
+        return [CommandStep(CAMERA_STOP_TRACKING)]
+    if frame is None or body.u_px is None or body.v_px is None:
+        raise InvalidRequestError("track_point needs frame_id, u_px and v_px")
+    # Pixel centres are whole numbers, so the picture's edge lies at -0.5.
+    x, y = (body.u_px + 0.5) / frame.width_px, (body.v_px + 0.5) / frame.height_px
+    if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
+        size = f"{frame.width_px} x {frame.height_px}"
+        raise InvalidRequestError(f"pixel ({body.u_px}, {body.v_px}) lies outside the frame of {size}")
+    return [CommandStep(CAMERA_TRACK_POINT, (x, y, TRACK_RADIUS))]
 
 
 def steps_of(  # noqa: PLR0911  one return for each command reads best
@@ -51,6 +78,8 @@ def steps_of(  # noqa: PLR0911  one return for each command reads best
 ) -> list[CommandStep]:
     """The MAVLink commands of one operator's command, in order."""
     match body.command:
+        case "track_point" | "track_stop":
+            raise InvalidRequestError(f"{body.command} is for a camera, not for the vehicle")
         case "arm":
             return [CommandStep(COMPONENT_ARM_DISARM, (1.0,))]
         case "disarm":

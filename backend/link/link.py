@@ -34,6 +34,16 @@ class UnknownVehicleError(LookupError):
         super().__init__(f"no vehicle with system id {system_id} on this link (heard: {heard})")
 
 
+class NoTrackerError(LookupError):
+    """A command to a camera that tracks points itself, and the vehicle has none that says so."""
+
+    def __init__(self, system_id: int) -> None:
+        self.system_id = system_id
+        super().__init__(
+            f"no camera of vehicle {system_id} tracks points itself: none has said so in its CAMERA_INFORMATION"
+        )
+
+
 class VehicleLink:
     """Speaks MAVLink with every vehicle on one transport.
 
@@ -119,6 +129,19 @@ class VehicleLink:
             raise UnknownVehicleError(system_id, tuple(sorted(self._vehicles)))
         command_id = next(self._command_ids)
         vehicle.command(command_id, steps)
+        return command_id
+
+    def command_tracker(self, system_id: int, steps: Sequence[CommandStep]) -> int:
+        """As ``command``, to the vehicle's camera that tracks points itself.
+
+        Raises UnknownVehicleError as there, NoTrackerError when no camera says that it can.
+        """
+        vehicle = self._vehicles.get(system_id)
+        if vehicle is None:
+            raise UnknownVehicleError(system_id, tuple(sorted(self._vehicles)))
+        command_id = next(self._command_ids)
+        if not vehicle.command_tracker(command_id, steps):
+            raise NoTrackerError(system_id)
         return command_id
 
     def send_message(self, message: Any) -> None:

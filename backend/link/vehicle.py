@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from backend.link import telemetry
+from backend.link.cameras import Cameras
 from backend.link.commands import CommandChannel, CommandStep
 from backend.link.dialect import message_layouts
 from backend.link.events import (
@@ -52,6 +53,7 @@ class Vehicle:
         self._gimbal_clocks: dict[int, BootClock] = {}
         self._texts = telemetry.StatusTexts(self.system_id)
         self._commands = CommandChannel(self.system_id, component_id)
+        self._cameras = Cameras(self.system_id, component_id)
         self._rates = RateRequests(rates_hz or {})
         self._has_battery = False
         self._next_stats_us = first.t_us + _STATS_PERIOD_US
@@ -73,10 +75,11 @@ class Vehicle:
             signed=packet.signed,
             version=packet.version,
         )
+        of_camera = self._cameras.receive(packet, t_us)
         from_autopilot = packet.component_id == self.component_id
         if not packet.known or not (from_autopilot or msg_id in _GIMBAL_MESSAGES or msg_id == telemetry.STATUSTEXT):
-            return []
-        events: list[LinkEvent] = []
+            return of_camera
+        events: list[LinkEvent] = of_camera
         clock = self._clock_of(packet.component_id)
         if msg_id in _BOOT_TIME_BYTES:
             self._observe_boot_time(clock, packet, t_us, events)
@@ -142,6 +145,17 @@ class Vehicle:
         """Queue a command of the user."""
         self._commands.start(command_id, steps)
 
+    def command_tracker(self, command_id: int, steps: Sequence[CommandStep]) -> bool:
+        """Queue a command of the user to the camera that tracks points itself; False when none says that it does."""
+        component_id = self._cameras.tracker()
+        if component_id is None:
+            return False
+        if component_id == self.component_id:
+            self._commands.start(command_id, steps)
+        else:
+            self._cameras.command(component_id, command_id, steps)
+        return True
+
     def request_rates(self, new_id: Callable[[], int]) -> None:
         """Ask for every wanted message, from the start."""
         for msg_id, rate_hz in self._rates.begin():
@@ -171,8 +185,12 @@ class Vehicle:
             self.stats.forget_sequence()
             events.append(VehicleLost(t_us, self.system_id, self.last_heartbeat_us))
             events += self._report(self._commands.abandon(t_us))
+            events += self._cameras.abandon(t_us)
         messages, results = self._commands.tick(t_us)
         events += self._report(results)
+        to_cameras, of_cameras = self._cameras.tick(t_us)
+        messages += to_cameras
+        events += of_cameras
         messages += self._rates.fallback_messages(self.system_id, self.component_id)
         events += self._texts.expire(t_us)
         return messages, events
@@ -182,6 +200,7 @@ class Vehicle:
         self.last_heartbeat_us = min(self.last_heartbeat_us, t_us)
         self._next_stats_us = t_us
         self._commands.clock_set_back(t_us)
+        self._cameras.clock_set_back(t_us)
 
     def due_stats(self, t_us: int, noise_bytes: int, unknown_packets: int) -> list[LinkEvent]:
         """The link's figures, once a second."""

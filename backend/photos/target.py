@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from backend.clicks import CLICK_STD_PX
 from backend.coordinates import mgrs_of
 from backend.errors import StationError
 from backend.navigation.setup import FLAT_GROUND_STD_M, TERRAIN_STD_M, UNKNOWN_SLOPE_STD
 from backend.photos.hints import Hints
 from backend.photos.session import Attempt, PhotoAnswer, PhotoSession
+from backend.pointing import CLICK_STD_PX
 from backend.uncertainty import circular_error_m, ellipse95
 from estimator.errors import GeometryError
 from estimator.ports import ReferenceMap

@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
-from backend.clicks import CLICK_STD_PX
 from backend.errors import StationError
 from backend.navigation.setup import read_camera_profile
 from backend.photos.exports import as_object as photo_as_object
@@ -44,6 +43,7 @@ from backend.photos.target import (
     as_object,
     locate_pixels,
 )
+from backend.pointing import CLICK_STD_PX
 from geodata.errors import GeodataError
 from geodata.flight_write import write_atomically
 

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from backend.coordinates import dms_of, mgrs_of, utm_of
+from backend.pointing import HIGHEST_HEIGHT_M, LOWEST_HEIGHT_M, GroundKind
 from backend.store.targets import Target
 from backend.uncertainty import circular_error_m, ellipse95
+from estimator.types import Float
+
+HeightAboveGround: Any = Field(default=None, ge=LOWEST_HEIGHT_M, le=HIGHEST_HEIGHT_M, allow_inf_nan=False)
 
 
 class EllipseBody(BaseModel):
@@ -50,6 +54,8 @@ class TargetProperties(BaseModel):
     cov_ne_m2: float | None
     ce90_m: float | None
     ellipse95: EllipseBody | None
+    height_above_ground_m: float | None
+    ground: GroundKind | None
     created_unix_us: int
     updated_unix_us: int
     version: int
@@ -103,7 +109,11 @@ class TrackCollection(BaseModel):
 
 
 class NewTarget(BaseModel):
-    """A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg)."""
+    """A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg).
+
+    What is clicked stands ``height_above_ground_m`` above the terrain, or above level ground at the height below the
+    vehicle ("flat"); at the terrain itself when neither is said.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -115,6 +125,8 @@ class NewTarget(BaseModel):
     lat_deg: float | None = Field(default=None, ge=-90, le=90)
     lon_deg: float | None = Field(default=None, ge=-180, le=180)
     alt_amsl_m: float | None = Field(default=None, ge=-1000, le=20000)
+    height_above_ground_m: float | None = HeightAboveGround
+    ground: GroundKind | None = None
 
 
 class TargetPatch(BaseModel):
@@ -133,16 +145,7 @@ def feature_of_target(target: Target) -> TargetFeature:
     coordinates = [target.lon_deg, target.lat_deg]
     if target.alt_amsl_m is not None:
         coordinates.append(target.alt_amsl_m)
-    std_n = _root(target.var_n_m2)
-    std_e = _root(target.var_e_m2)
-    ellipse, ce90 = None, None
-    if target.var_n_m2 is not None and target.var_e_m2 is not None and target.cov_ne_m2 is not None:
-        cov = np.array([[target.var_n_m2, target.cov_ne_m2], [target.cov_ne_m2, target.var_e_m2]])
-        found = ellipse95(cov)
-        ellipse = EllipseBody(
-            semi_major_m=found.semi_major_m, semi_minor_m=found.semi_minor_m, azimuth_deg=found.azimuth_deg
-        )
-        ce90 = circular_error_m(cov)
+    spread = spread_of(target.var_n_m2, target.var_e_m2, target.cov_ne_m2)
     return TargetFeature(
         id=target.id,
         geometry=PointGeometry(coordinates=coordinates),
@@ -151,16 +154,38 @@ def feature_of_target(target: Target) -> TargetFeature:
             utm=utm_of(target.lat_deg, target.lon_deg), dms=dms_of(target.lat_deg, target.lon_deg),
             lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=target.alt_amsl_m, method=target.method,
             vehicle_id=target.vehicle_id, frame_id=target.frame_id, t_unix_us=target.t_unix_us,
-            u_px=target.u_px, v_px=target.v_px, std_n_m=std_n, std_e_m=std_e, std_d_m=_root(target.var_d_m2),
-            cov_ne_m2=target.cov_ne_m2, ce90_m=ce90, ellipse95=ellipse,
+            u_px=target.u_px, v_px=target.v_px, std_n_m=_root(target.var_n_m2), std_e_m=_root(target.var_e_m2),
+            std_d_m=_root(target.var_d_m2),
+            cov_ne_m2=target.cov_ne_m2, ce90_m=spread[0], ellipse95=spread[1],
+            height_above_ground_m=target.height_above_ground_m, ground=_ground(target.ground),
             created_unix_us=target.created_unix_us, updated_unix_us=target.updated_unix_us, version=target.version,
         ),
     )  # fmt: skip
 
 
+def spread_of(
+    var_n_m2: float | None, var_e_m2: float | None, cov_ne_m2: float | None
+) -> tuple[float | None, EllipseBody | None]:
+    """CE90 in metres and the 95 % ellipse of a horizontal covariance; None where that is not known."""
+    if var_n_m2 is None or var_e_m2 is None or cov_ne_m2 is None:
+        return None, None
+    cov = np.array([[var_n_m2, cov_ne_m2], [cov_ne_m2, var_e_m2]])
+    return circular_error_m(cov), ellipse_of(cov)
+
+
+def ellipse_of(cov_ne_m2: Float) -> EllipseBody:
+    """The 95 % ellipse of a covariance (2, 2) over north and east."""
+    found = ellipse95(cov_ne_m2)
+    return EllipseBody(semi_major_m=found.semi_major_m, semi_minor_m=found.semi_minor_m, azimuth_deg=found.azimuth_deg)
+
+
 def collection_of_targets(targets: list[Target]) -> TargetCollection:
     """The GeoJSON collection of targets."""
     return TargetCollection(features=[feature_of_target(target) for target in targets])
+
+
+def _ground(kind: str | None) -> GroundKind | None:
+    return "flat" if kind == "flat" else None if kind is None else "terrain"
 
 
 def _root(variance: float | None) -> float | None:

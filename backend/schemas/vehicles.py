@@ -64,14 +64,23 @@ class NavigationBody(_Body):
 
 
 class CommandBody(_Body):
-    """A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff."""
+    """A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff.
 
-    command: Literal["arm", "disarm", "takeoff", "goto", "hold", "return", "land", "inject_failure"]
+    ``track_point`` has a camera that can follow what a pixel (``u_px``, ``v_px``) of a frame (``frame_id``) shows;
+    ``track_stop`` ends that.
+    """
+
+    command: Literal[
+        "arm", "disarm", "takeoff", "goto", "hold", "return", "land", "inject_failure", "track_point", "track_stop"
+    ]
     unit: Literal["gps"] | None = None
     failure: Literal["off", "ok"] | None = None
     lat_deg: float | None = Field(default=None, ge=-90, le=90)
     lon_deg: float | None = Field(default=None, ge=-180, le=180)
     alt_rel_m: float | None = Field(default=None, ge=0, le=5000)
+    frame_id: int | None = Field(default=None, ge=0)
+    u_px: float | None = Field(default=None, allow_inf_nan=False)
+    v_px: float | None = Field(default=None, allow_inf_nan=False)
 
 
 class CommandAccepted(BaseModel):

@@ -6,7 +6,7 @@ import asyncio
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import event, text
+from sqlalchemy import Connection, event, inspect, text
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine, AsyncSession, async_sessionmaker, create_async_engine
 
@@ -42,6 +42,7 @@ class Database:
                         f"{SCHEMA_VERSION}): update, or give another --data-dir"
                     )
                 await connection.run_sync(Base.metadata.create_all)
+                await connection.run_sync(_add_missing_columns)
                 await connection.execute(text(f"PRAGMA user_version = {SCHEMA_VERSION}"))
         except SQLAlchemyError as error:
             await engine.dispose()
@@ -57,6 +58,16 @@ class Database:
     async def close(self) -> None:
         """Close all connections."""
         await self._engine.dispose()
+
+
+def _add_missing_columns(connection: Connection) -> None:
+    """Give the tables of an older database what has been added since: columns that may be null, so nothing is lost."""
+    for table in Base.metadata.sorted_tables:
+        there = {column["name"] for column in inspect(connection).get_columns(table.name)}
+        for column in table.columns:
+            if column.name not in there and column.nullable:
+                kind = column.type.compile(connection.dialect)
+                connection.execute(text(f'ALTER TABLE "{table.name}" ADD COLUMN "{column.name}" {kind}'))
 
 
 def _make_durable(connection: Any, _record: object) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import BigInteger, Float, Integer, String
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 
 class Base(DeclarativeBase):
@@ -32,6 +32,8 @@ class TargetRow(Base):
     var_e_m2: Mapped[float | None] = mapped_column(Float)
     var_d_m2: Mapped[float | None] = mapped_column(Float)
     cov_ne_m2: Mapped[float | None] = mapped_column(Float)
+    height_above_ground_m: Mapped[float | None] = mapped_column(Float)
+    ground: Mapped[str | None] = mapped_column(String(20))
     created_unix_us: Mapped[int] = mapped_column(BigInteger, index=True)
     updated_unix_us: Mapped[int] = mapped_column(BigInteger)
     version: Mapped[int] = mapped_column(Integer)

@@ -15,7 +15,8 @@ from backend.store.models import TargetRow
 class Target:
     """One target. Variances and the north-east covariance are None where nobody knows them (typed-in coordinates).
 
-    ``vehicle_id``, ``frame_id``, ``t_unix_us`` (exposure) and the pixel say where it was clicked.
+    ``vehicle_id``, ``frame_id``, ``t_unix_us`` (exposure) and the pixel say where it was clicked, and
+    ``height_above_ground_m`` with ``ground`` ("terrain" or "flat") at which height above what.
     """
 
     id: str
@@ -36,6 +37,8 @@ class Target:
     var_e_m2: float | None = None
     var_d_m2: float | None = None
     cov_ne_m2: float | None = None
+    height_above_ground_m: float | None = None
+    ground: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +120,7 @@ def _changed(target: Target, change: TargetChange, now_us: int) -> Target:
         lat_deg, lon_deg = change.position_deg
         changed = replace(
             changed, lat_deg=lat_deg, lon_deg=lon_deg, method="manual",
-            var_n_m2=None, var_e_m2=None, var_d_m2=None, cov_ne_m2=None,
+            var_n_m2=None, var_e_m2=None, var_d_m2=None, cov_ne_m2=None, height_above_ground_m=None, ground=None,
         )  # fmt: skip
     return changed
 

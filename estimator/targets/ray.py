@@ -72,7 +72,7 @@ def locate_ray(
         The pixel lies outside the picture or the lens model, or its ray meets no ground within ``max_range_m``.
     """
     below = float(state.pos_ned_m[2] + state.alt_agl_m)
-    lens = state.pos_ned_m + state.lever_ned_m
+    lens = state.lens_ned_m
     seen = Lowered(ground, state.ground_bias_m)
     return cut_ray(
         lens, matrix_from_q(state.q_ned_from_camera), state.cov_camera_pose, camera, uv_px, seen, frame, ground_std_m,

@@ -40,6 +40,15 @@ async def test_states_of_a_slow_reader_are_coalesced_and_targets_are_not() -> No
     assert [m["seq"] for m in messages] == sorted(m["seq"] for m in messages)
 
 
+async def test_an_operators_fix_is_not_replaced_by_the_next_match() -> None:
+    hub = Hub()
+    box = hub.open()
+    for kind in ("registration", "operator", "registration", "registration"):
+        hub.publish("fix", vehicle_id="1", kind=kind, accepted=True)
+
+    assert [message["kind"] for message in await read(box)] == ["operator", "registration"]
+
+
 async def test_a_reader_that_stops_is_given_up_and_others_go_on() -> None:
     hub = Hub()
     stuck, reading = hub.open(), hub.open()

@@ -123,6 +123,7 @@ def test_demo(console: Console) -> None:
     frame_id = console.debug("lastFrameId")
     box = page.get_by_test_id("video-stage").bounding_box()
     assert box is not None
+    check_crosshair(console, box)
     click = {"x": 0.5 * box["width"], "y": 0.4 * box["height"]}
     page.get_by_test_id("video-stage").click(position=click, timeout=deadline.left_ms)
     entry = page.get_by_test_id("target")
@@ -136,6 +137,8 @@ def test_demo(console: Console) -> None:
     assert about["frame_id"] == frame_id
     assert (about["u_px"], about["v_px"]) == pytest.approx(clicked_pixel(click, box), abs=POINTER_PX)
     console.photograph("3-target")
+    # While the station still holds the picture.
+    check_list_and_overlay(console, target["id"], frame_id)
     check_against_truth(console, about)
 
     # The pictures' clock is named, and a map says where it can be matched.
@@ -147,6 +150,36 @@ def test_demo(console: Console) -> None:
 
     assert not console.errors
     assert not console.demo.ended, "".join(console.demo.said)
+
+
+def check_crosshair(console: Console, box: Any) -> None:
+    """The crosshair tells a coordinate and keeps none; another height moves it."""
+    page, left_ms = console.page, console.deadline.left_ms
+    page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 0.7 * box["height"])
+    position, height = page.get_by_test_id("aim-position"), page.get_by_test_id("aim-height")
+    expect(position).to_have_attribute("data-frame-id", str(console.debug("lastFrameId")), timeout=left_ms)
+    at_ground = position.get_attribute("data-lat")
+    height.fill("30")
+    expect(position).not_to_have_attribute("data-lat", at_ground or "", timeout=left_ms)
+    height.fill("0")
+    assert console.get("targets")["features"] == []
+
+
+def check_list_and_overlay(console: Console, target_id: str, frame_id: int) -> None:
+    """The target has its picture; a deletion is taken back; the paused frame lies on the map."""
+    page, left_ms = console.page, console.deadline.left_ms
+    picture = page.get_by_test_id("target-picture")
+    expect(picture).to_have_js_property("naturalWidth", 64, timeout=left_ms)
+    page.get_by_test_id("target-delete").click(timeout=left_ms)
+    expect(page.get_by_test_id("target")).to_have_count(0, timeout=left_ms)
+    page.keyboard.press("Control+z")
+    expect(page.get_by_test_id("target")).to_have_attribute("data-target-id", target_id, timeout=left_ms)
+    page.keyboard.press("o")
+    said = page.get_by_test_id("overlay-said")
+    expect(said).to_have_attribute("data-frame-id", str(frame_id), timeout=left_ms)
+    console.photograph("3-overlay")
+    page.keyboard.press("o")
+    assert [feature["id"] for feature in console.get("targets")["features"]] == [target_id]
 
 
 def clicked_pixel(click: dict[str, float], box: Any) -> tuple[float, float]:

@@ -28,6 +28,31 @@ describe('RestApi', () => {
     expect(calls[0]?.headers.get('if-match')).toBe('"4"');
   });
 
+  it('asks where a pixel lies, at the chosen height', async () => {
+    const { api, calls } = station(200, {});
+    await api.locate('1', { frame_id: 5, u_px: 1, v_px: 2 }, { height_above_ground_m: 3, ground: 'flat' });
+    expect(calls[0]?.url).toBe('http://station:8700/api/v1/vehicles/1/locate');
+    expect(await calls[0]?.json()).toEqual({ frame_id: 5, u_px: 1, v_px: 2, height_above_ground_m: 3, ground: 'flat' });
+    await api.footprint('replay-a', 7, { height_above_ground_m: 0, ground: 'terrain' });
+    expect(calls[1]?.url).toBe(
+      'http://station:8700/api/v1/vehicles/replay-a/frames/7/footprint?height_above_ground_m=0&ground=terrain',
+    );
+  });
+
+  it('tells a camera what to follow, and to stop', async () => {
+    const { api, calls } = station(202, { command_id: 'x' });
+    await api.trackPoint('1', { frame_id: 5, u_px: 1, v_px: 2 });
+    await api.trackPoint('1', null);
+    expect(await calls[0]?.json()).toEqual({ command: 'track_point', frame_id: 5, u_px: 1, v_px: 2 });
+    expect(await calls[1]?.json()).toEqual({ command: 'track_stop' });
+  });
+
+  it('has addresses for pictures and files', () => {
+    const { api } = station(200, {});
+    expect(api.pictureUrl(target, 64)).toBe('http://station:8700/api/v1/targets/a%2Fb/picture?size_px=64');
+    expect(api.exportUrl('kml')).toBe('http://station:8700/api/v1/targets?format=kml');
+  });
+
   it('accepts an empty answer', async () => {
     await expect(station(204, undefined).api.deleteTarget(target)).resolves.toBeUndefined();
   });

@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, MapSummary, Matchability, Problem, Target, TrackCollection } from './types';
+import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pointing, Problem, Target, TrackCollection } from './types';
 
 export class ApiError extends Error {
   constructor(
@@ -14,8 +14,21 @@ export class ApiError extends Error {
   }
 }
 
+export interface PixelOfFrame {
+  frame_id: number;
+  u_px: number;
+  v_px: number;
+}
+
+export interface Alignment {
+  frame_id: number;
+  north_m: number;
+  east_m: number;
+  std_m: number;
+}
+
 export type NewTarget =
-  | { vehicle_id: string; frame_id: number; u_px: number; v_px: number; name?: string }
+  | ({ vehicle_id: string; name?: string } & PixelOfFrame & Partial<Pointing>)
   | { lat_deg: number; lon_deg: number; name?: string };
 
 export interface ReplayChange {
@@ -27,7 +40,18 @@ export interface ReplayChange {
 export interface StationApi {
   createTarget(target: NewTarget): Promise<Target>;
   renameTarget(target: Target, name: string): Promise<Target>;
-  deleteTarget(target: Target): Promise<void>;
+  /** `urgently` while the page goes away. */
+  deleteTarget(target: Target, urgently?: boolean): Promise<void>;
+  /** Where a pixel lies; nothing of it is kept. */
+  locate(vehicle_id: string, pixel: PixelOfFrame, pointing: Pointing): Promise<LocatedPixel>;
+  footprint(vehicle_id: string, frame_id: number, pointing: Pointing): Promise<Footprint>;
+  /** How far a frame lies beside its place, as the operator dragged it. */
+  align(vehicle_id: string, alignment: Alignment): Promise<void>;
+  /** Has a camera that can follow what a pixel shows; null ends that. */
+  trackPoint(vehicle_id: string, pixel: PixelOfFrame | null): Promise<void>;
+  /** The square of the video about a target's pixel. */
+  pictureUrl(target: Target, size_px: number): string;
+  exportUrl(format: string): string;
   denyGps(vehicle_id: string, gps_denied: boolean): Promise<void>;
   injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string>;
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection>;
@@ -106,9 +130,36 @@ export class RestApi implements StationApi {
     return this.answer(this.client.PATCH('/api/v1/targets/{target_id}', { params, body: { name } }));
   }
 
-  async deleteTarget(target: Target): Promise<void> {
+  async deleteTarget(target: Target, urgently = false): Promise<void> {
     const params = { path: { target_id: target.id }, header: ifMatch(target) };
-    await this.answer(this.client.DELETE('/api/v1/targets/{target_id}', { params }));
+    await this.answer(this.client.DELETE('/api/v1/targets/{target_id}', { params, keepalive: urgently }));
+  }
+
+  locate(vehicle_id: string, pixel: PixelOfFrame, pointing: Pointing): Promise<LocatedPixel> {
+    const body = { ...pixel, ...pointing };
+    return this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/locate', { params: { path: { vehicle_id } }, body }));
+  }
+
+  footprint(vehicle_id: string, frame_id: number, pointing: Pointing): Promise<Footprint> {
+    const params = { path: { vehicle_id, frame_id }, query: { ...pointing } };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/frames/{frame_id}/footprint', { params }));
+  }
+
+  async trackPoint(vehicle_id: string, pixel: PixelOfFrame | null): Promise<void> {
+    const body = pixel ? ({ command: 'track_point', ...pixel } as const) : ({ command: 'track_stop' } as const);
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/commands', { params: { path: { vehicle_id } }, body }));
+  }
+
+  async align(vehicle_id: string, body: Alignment): Promise<void> {
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/alignment', { params: { path: { vehicle_id } }, body }));
+  }
+
+  pictureUrl(target: Target, size_px: number): string {
+    return new URL(`api/v1/targets/${encodeURIComponent(target.id)}/picture?size_px=${size_px}`, this.base).toString();
+  }
+
+  exportUrl(format: string): string {
+    return new URL(`api/v1/targets?format=${encodeURIComponent(format)}`, this.base).toString();
   }
 
   async denyGps(vehicle_id: string, gps_denied: boolean): Promise<void> {

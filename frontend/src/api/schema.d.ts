@@ -184,6 +184,66 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/locate": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Locate
+         * @description Where a pixel of a frame lies, as a target made of it would be located. Nothing is kept.
+         */
+        post: operations["locate_api_v1_vehicles__vehicle_id__locate_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/frames/{frame_id}/footprint": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Footprint
+         * @description Where a frame lies on the ground, as the estimate has it: a grid of pixels with their coordinates.
+         */
+        get: operations["footprint_api_v1_vehicles__vehicle_id__frames__frame_id__footprint_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/alignment": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Align
+         * @description Tell the estimator how far a frame lies beside its place, as an operator who dragged it onto the map saw it.
+         */
+        post: operations["align_api_v1_vehicles__vehicle_id__alignment_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/targets": {
         parameters: {
             query?: never;
@@ -250,6 +310,26 @@ export interface paths {
          *     A target that was typed in or moved has none. That of before a move is found by its ``version``.
          */
         get: operations["get_evidence_api_v1_targets__target_id__evidence_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/targets/{target_id}/picture": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Picture
+         * @description What was clicked: a square of the video about the pixel, as JPEG. 404 where no picture was kept.
+         */
+        get: operations["get_picture_api_v1_targets__target_id__picture_get"];
         put?: never;
         post?: never;
         delete?: never;
@@ -526,6 +606,39 @@ export interface paths {
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
+        /**
+         * AlignmentAccepted
+         * @description The measurement was handed to the estimator; a ``fix`` message of kind ``operator`` says what it made of it.
+         *
+         *     ``std_n_m`` and ``std_e_m`` have the camera's attitude error in them.
+         */
+        AlignmentAccepted: {
+            /** Frame Id */
+            frame_id: number;
+            /** T Frame Unix Us */
+            t_frame_unix_us: number;
+            /** Std N M */
+            std_n_m: number;
+            /** Std E M */
+            std_e_m: number;
+        };
+        /**
+         * AlignmentBody
+         * @description How far a frame had to be dragged from where the estimate has it to where it lies, and how well that was seen.
+         */
+        AlignmentBody: {
+            /** Frame Id */
+            frame_id: number;
+            /** North M */
+            north_m: number;
+            /** East M */
+            east_m: number;
+            /**
+             * Std M
+             * @default 3
+             */
+            std_m: number;
+        };
         /** Body_import_map_api_v1_maps_post */
         Body_import_map_api_v1_maps_post: {
             /** File */
@@ -546,13 +659,16 @@ export interface components {
         /**
          * CommandBody
          * @description A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff.
+         *
+         *     ``track_point`` has a camera that can follow what a pixel (``u_px``, ``v_px``) of a frame (``frame_id``) shows;
+         *     ``track_stop`` ends that.
          */
         CommandBody: {
             /**
              * Command
              * @enum {string}
              */
-            command: "arm" | "disarm" | "takeoff" | "goto" | "hold" | "return" | "land" | "inject_failure";
+            command: "arm" | "disarm" | "takeoff" | "goto" | "hold" | "return" | "land" | "inject_failure" | "track_point" | "track_stop";
             /** Unit */
             unit?: "gps" | null;
             /** Failure */
@@ -563,6 +679,12 @@ export interface components {
             lon_deg?: number | null;
             /** Alt Rel M */
             alt_rel_m?: number | null;
+            /** Frame Id */
+            frame_id?: number | null;
+            /** U Px */
+            u_px?: number | null;
+            /** V Px */
+            v_px?: number | null;
         };
         /**
          * CotReceiver
@@ -623,6 +745,37 @@ export interface components {
             problem: string | null;
         };
         /**
+         * FootprintBody
+         * @description Where a frame lies on the ground: a grid of its pixels, from edge to edge.
+         *
+         *     Point i is pixel (``u_px[i % columns]``, ``v_px[i // columns]``): [lat, lon] in degrees, or null where that pixel
+         *     shows no known ground. ``ce90_m`` is that of the point nearest to the picture's centre.
+         */
+        FootprintBody: {
+            /** Frame Id */
+            frame_id: number;
+            /** T Unix Us */
+            t_unix_us: number;
+            /** Width Px */
+            width_px: number;
+            /** Height Px */
+            height_px: number;
+            /** Columns */
+            columns: number;
+            /** Rows */
+            rows: number;
+            /** U Px */
+            u_px: number[];
+            /** V Px */
+            v_px: number[];
+            /** Points */
+            points: (number[] | null)[];
+            /** Centre */
+            centre: number[] | null;
+            /** Ce90 M */
+            ce90_m: number | null;
+        };
+        /**
          * Health
          * @description The process answers.
          */
@@ -635,6 +788,73 @@ export interface components {
             status: "ok";
             /** Version */
             version: string;
+        };
+        /**
+         * LocateBody
+         * @description A pixel of a frame, and how far what it shows stands above which ground (at the terrain when not said).
+         */
+        LocateBody: {
+            /** Frame Id */
+            frame_id: number;
+            /** U Px */
+            u_px: number;
+            /** V Px */
+            v_px: number;
+            /** Height Above Ground M */
+            height_above_ground_m?: number | null;
+            /** Ground */
+            ground?: ("terrain" | "flat") | null;
+        };
+        /**
+         * LocatedPixel
+         * @description Where a pixel lies, with its uncertainty; fields as a target's. Nothing of it is kept.
+         *
+         *     ``ellipse95_px`` is the ellipse as the frame would show it if it lay level at the place: a ring of pixels [u, v],
+         *     null where a part of it is out of the camera's sight.
+         */
+        LocatedPixel: {
+            /** Frame Id */
+            frame_id: number;
+            /** U Px */
+            u_px: number;
+            /** V Px */
+            v_px: number;
+            /** T Unix Us */
+            t_unix_us: number;
+            /** Mgrs */
+            mgrs: string | null;
+            /** Utm */
+            utm: string | null;
+            /** Dms */
+            dms: string;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            /** Alt Amsl M */
+            alt_amsl_m: number;
+            /** Method */
+            method: string;
+            /** Height Above Ground M */
+            height_above_ground_m: number;
+            /**
+             * Ground
+             * @enum {string}
+             */
+            ground: "terrain" | "flat";
+            /** Std N M */
+            std_n_m: number;
+            /** Std E M */
+            std_e_m: number;
+            /** Std D M */
+            std_d_m: number;
+            /** Cov Ne M2 */
+            cov_ne_m2: number;
+            /** Ce90 M */
+            ce90_m: number;
+            ellipse95: components["schemas"]["EllipseBody"];
+            /** Ellipse95 Px */
+            ellipse95_px: number[][] | null;
         };
         /**
          * MapBody
@@ -724,6 +944,9 @@ export interface components {
         /**
          * NewTarget
          * @description A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg).
+         *
+         *     What is clicked stands ``height_above_ground_m`` above the terrain, or above level ground at the height below the
+         *     vehicle ("flat"); at the terrain itself when neither is said.
          */
         NewTarget: {
             /** Name */
@@ -742,6 +965,10 @@ export interface components {
             lon_deg?: number | null;
             /** Alt Amsl M */
             alt_amsl_m?: number | null;
+            /** Height Above Ground M */
+            height_above_ground_m?: number | null;
+            /** Ground */
+            ground?: ("terrain" | "flat") | null;
         };
         /**
          * PointGeometry
@@ -959,6 +1186,10 @@ export interface components {
             /** Ce90 M */
             ce90_m: number | null;
             ellipse95: components["schemas"]["EllipseBody"] | null;
+            /** Height Above Ground M */
+            height_above_ground_m: number | null;
+            /** Ground */
+            ground: ("terrain" | "flat") | null;
             /** Created Unix Us */
             created_unix_us: number;
             /** Updated Unix Us */
@@ -1478,6 +1709,152 @@ export interface operations {
             };
         };
     };
+    locate_api_v1_vehicles__vehicle_id__locate_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LocateBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["LocatedPixel"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    footprint_api_v1_vehicles__vehicle_id__frames__frame_id__footprint_get: {
+        parameters: {
+            query?: {
+                columns?: number;
+                rows?: number;
+                height_above_ground_m?: number;
+                ground?: "terrain" | "flat";
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+                frame_id: number;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["FootprintBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    align_api_v1_vehicles__vehicle_id__alignment_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["AlignmentBody"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AlignmentAccepted"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
     list_targets_api_v1_targets_get: {
         parameters: {
             query?: {
@@ -1739,6 +2116,52 @@ export interface operations {
                 content: {
                     "application/zip": unknown;
                     "application/json": unknown;
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_picture_api_v1_targets__target_id__picture_get: {
+        parameters: {
+            query?: {
+                size_px?: number;
+            };
+            header?: never;
+            path: {
+                target_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/jpeg": unknown;
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -28,6 +28,14 @@ export type Matchability = Schemas['MatchabilityBody'];
 export type Target = Schemas['TargetFeature'];
 export type TargetProperties = Schemas['TargetProperties'];
 export type TargetCollection = Schemas['TargetCollection'];
+export type LocatedPixel = Schemas['LocatedPixel'];
+export type Footprint = Schemas['FootprintBody'];
+export type GroundKind = 'terrain' | 'flat';
+/** What an operator points at: so far above the terrain, or above level ground at the height below the vehicle. */
+export interface Pointing {
+  height_above_ground_m: number;
+  ground: GroundKind;
+}
 export type Flight = Schemas['FlightBody'];
 export type TrackCollection = Schemas['TrackCollection'];
 

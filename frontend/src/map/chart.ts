@@ -3,6 +3,7 @@
 import { defaults as defaultControls, ScaleLine } from 'ol/control';
 import GeoJSON from 'ol/format/GeoJSON';
 import { defaults as defaultInteractions } from 'ol/interaction';
+import PointerInteraction from 'ol/interaction/Pointer';
 import TileLayer from 'ol/layer/Tile';
 import VectorLayer from 'ol/layer/Vector';
 import OlMap from 'ol/Map';
@@ -14,7 +15,10 @@ import View from 'ol/View';
 import type { MapSummary } from '../api/types';
 import type { LatLon } from '../geo/earth';
 import { latLon, position, type Collection } from '../geo/geojson';
+import { DrapeLayer, type Draped } from './drapeLayer';
 import {
+  AIM_ELLIPSE,
+  AIM_MARK,
   ellipseStyle,
   FOOTPRINT,
   GPS_MARK,
@@ -34,6 +38,8 @@ export const OVERLAYS = [
   'ellipse',
   'gpsMark',
   'targets',
+  'aimEllipse',
+  'aim',
   'vehicles',
 ] as const;
 export type Overlay = (typeof OVERLAYS)[number];
@@ -46,11 +52,15 @@ const STYLES: Record<Overlay, StyleLike> = {
   ellipse: ellipseStyle,
   gpsMark: GPS_MARK,
   targets: targetStyle,
+  aimEllipse: AIM_ELLIPSE,
+  aim: AIM_MARK,
   vehicles: vehicleStyle,
 };
 
 export interface ChartListener {
   pointer(at: LatLon | null): void;
+  /** The operator drags the frame that lies on the map, while that may be dragged. */
+  layerDragged(from: LatLon, to: LatLon): void;
   /** The operator took hold of the map. */
   dragged(): void;
   targetPicked(id: string): void;
@@ -67,9 +77,13 @@ export class Chart {
   private readonly layers = new Map<Overlay, VectorLayer>();
   private readonly imagery = new Map<string, TileLayer>();
   private matchability: TileLayer | null = null;
+  private readonly drape = new DrapeLayer();
+  private readonly dragging: PointerInteraction;
+  private readonly element: HTMLElement;
   private readonly format = new GeoJSON({ featureProjection: WEB_MERCATOR });
 
   constructor(element: HTMLElement, listener: ChartListener) {
+    this.element = element;
     const overlays = OVERLAYS.map((name, i) => {
       const source = new VectorSource({ useSpatialIndex: false });
       const layer = new VectorLayer({
@@ -85,7 +99,7 @@ export class Chart {
     });
     this.map = new OlMap({
       target: element,
-      layers: overlays,
+      layers: [this.drape.layer, ...overlays],
       controls: defaultControls({ attribution: false, rotate: true }).extend([
         new ScaleLine({ units: 'metric', minWidth: 90 }),
       ]),
@@ -96,7 +110,9 @@ export class Chart {
       if (!event.dragging) listener.pointer(latLon(toLonLat(event.coordinate)));
     });
     this.map.getViewport()?.addEventListener('pointerleave', () => listener.pointer(null));
-    this.map.on('pointerdrag', () => listener.dragged());
+    this.map.on('pointerdrag', () => {
+      if (!this.dragging.getActive()) listener.dragged();
+    });
     this.map.on('singleclick', (event) => {
       const layer = this.layers.get('targets');
       const hit = this.map.forEachFeatureAtPixel(event.pixel, (feature) => feature, {
@@ -107,6 +123,25 @@ export class Chart {
       if (id !== undefined) listener.targetPicked(String(id));
     });
     this.tileFailed = listener.tileFailed;
+    let last: number[] | null = null;
+    this.dragging = new PointerInteraction({
+      handleDownEvent: (event) => {
+        last = event.coordinate;
+        return true;
+      },
+      handleDragEvent: (event) => {
+        if (last) listener.layerDragged(latLon(toLonLat(last)), latLon(toLonLat(event.coordinate)));
+        last = event.coordinate;
+      },
+    });
+    this.dragging.setActive(false);
+    this.map.addInteraction(this.dragging);
+  }
+
+  /** While on, dragging moves the frame on the map and not the map. */
+  dragLaid(on: boolean): void {
+    this.dragging.setActive(on);
+    this.element.style.cursor = on ? 'move' : '';
   }
 
   private readonly tileFailed: (map_id: string) => void;
@@ -181,6 +216,11 @@ export class Chart {
       zIndex: this.imagery.size,
     });
     this.map.addLayer(this.matchability);
+  }
+
+  /** A video frame over the imagery and under everything else, or none. */
+  lay(draped: Draped | null, opacity: number): void {
+    this.drape.show(draped, opacity);
   }
 
   fitMap(map: MapSummary): void {

@@ -1,6 +1,6 @@
 /** From what is known to what is drawn: GeoJSON for each layer. Pure. */
 
-import type { StateMessage, Target } from '../api/types';
+import type { LocatedPixel, StateMessage, Target } from '../api/types';
 import { ellipseRing } from '../geo/ellipse';
 import { collection, line, point, polygon, type Collection } from '../geo/geojson';
 import type { Vehicle } from '../store/mission';
@@ -69,4 +69,10 @@ export function targetEllipseFeatures(targets: readonly Target[], selected: stri
       return [polygon(ellipseRing(target.properties, ellipse95), { selected: target.id === selected })];
     }),
   );
+}
+
+/** What the crosshair lies on. */
+export function aimFeatures(place: LocatedPixel | null): { mark: Collection; ellipse: Collection } {
+  if (!place) return { mark: collection([]), ellipse: collection([]) };
+  return { mark: collection([point(place, {})]), ellipse: collection([polygon(ellipseRing(place, place.ellipse95), {})]) };
 }

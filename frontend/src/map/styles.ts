@@ -8,6 +8,7 @@ export const COLOURS = {
   gps: '#ffb02e',
   footprint: '#f4f7fa',
   target: '#ff6b9a',
+  aim: '#fff14d',
   casing: 'rgba(6, 10, 14, 0.75)',
 } as const;
 
@@ -54,6 +55,18 @@ const SELECTED_TARGET_ELLIPSE = ellipse('#ffffff');
 export function targetEllipseStyle(feature: FeatureLike): Style {
   return feature.get('selected') ? SELECTED_TARGET_ELLIPSE : TARGET_ELLIPSE;
 }
+
+// Dashed, because nothing of it is kept.
+export const AIM_ELLIPSE = [
+  new Style({ stroke: new Stroke({ color: COLOURS.casing, width: 3.5 }) }),
+  new Style({ stroke: new Stroke({ color: COLOURS.aim, width: 1.75, lineDash: [5, 3] }) }),
+];
+export const AIM_MARK = [4, 1.75].map(
+  (width, i) =>
+    new Style({
+      image: new RegularShape({ points: 4, radius: 7, radius2: 0, angle: Math.PI / 4, stroke: new Stroke({ color: i ? COLOURS.aim : COLOURS.casing, width }) }),
+    }),
+);
 
 export const GPS_MARK = [
   new Style({

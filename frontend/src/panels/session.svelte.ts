@@ -8,6 +8,10 @@ import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
 import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
 import { TrackBook } from '../store/tracks';
+import { Deletions } from '../store/deletions';
+import { BROWSER_TIMERS } from '../video/latest';
+import { Aim } from './aim.svelte';
+import { MatchOverlay } from './overlay.svelte';
 
 export type Tab = 'targets' | 'alarms' | 'flights' | 'maps';
 
@@ -15,6 +19,7 @@ export interface Notice {
   id: number;
   tone: 'info' | 'error';
   text: string;
+  action?: { label: string; run: () => void } | undefined;
 }
 
 interface Preferences {
@@ -30,6 +35,7 @@ const DEFAULTS: Preferences = {
 };
 const STORED_AS = 'pilotage.preferences';
 const NOTICE_MS = { info: 3500, error: 12_000 };
+const UNDO_MS = 8000;
 
 function storedPreferences(): Preferences {
   try {
@@ -70,6 +76,16 @@ export class Session {
   /** The map whose matchability is drawn, with what was found of it. */
   matchability = $state.raw<Matchability | null>(null);
 
+  /** The target whose name is being changed. */
+  renaming = $state<string | null>(null);
+  private hiddenTargets = $state.raw<ReadonlySet<string>>(new Set());
+  private readonly deletions = new Deletions(
+    UNDO_MS,
+    (id, urgently) => void this.deleteNow(id, urgently),
+    (hidden) => (this.hiddenTargets = hidden),
+    BROWSER_TIMERS,
+  );
+
   readonly tracks = new TrackBook();
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
@@ -86,14 +102,19 @@ export class Session {
   );
   vehicles = $derived(Object.values(this.mission.vehicles).sort((a, b) => a.id.localeCompare(b.id, 'en', { numeric: true })));
   targets = $derived(
-    Object.values(this.mission.targets).sort((a, b) => b.properties.created_unix_us - a.properties.created_unix_us),
+    Object.values(this.mission.targets).filter(({ id }) => !this.hiddenTargets.has(id)).sort((a, b) => b.properties.created_unix_us - a.properties.created_unix_us),
   );
   activeAlarms = $derived(this.mission.alarms.filter((alarm) => alarm.active));
+
+  readonly aim: Aim;
+  readonly overlay: MatchOverlay;
 
   constructor(
     readonly source: Source,
     readonly api: StationApi,
   ) {
+    this.aim = new Aim(api);
+    this.overlay = new MatchOverlay(api);
     const stored = storedPreferences();
     this.format = stored.format;
     this.layers = stored.layers;
@@ -113,6 +134,7 @@ export class Session {
   }
 
   close(): void {
+    this.deletions.flush();
     this.feed?.close();
     if (this.clock !== null) clearInterval(this.clock);
   }
@@ -135,6 +157,9 @@ export class Session {
         moved = true;
         // After an interruption the station knows more of the track than this page.
         this.primed.clear();
+      }
+      if (message.type === 'fix' && message.kind === 'operator') {
+        this.say(message.accepted ? 'info' : 'error', message.accepted ? 'The estimate follows the alignment' : `Alignment: ${message.reason}`);
       }
       if (message.type === 'ack' && !['accepted', 'in_progress'].includes(message.status)) {
         this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
@@ -165,6 +190,8 @@ export class Session {
   select(vehicle_id: string | null): void {
     this.selectedVehicle = vehicle_id;
     this.follow = true;
+    this.aim.clear();
+    this.overlay.clear();
     if (vehicle_id !== null) this.prime(vehicle_id);
   }
 
@@ -209,10 +236,10 @@ export class Session {
     return history;
   }
 
-  say(tone: Notice['tone'], text: string): void {
-    const notice = { id: ++this.noticeCount, tone, text };
+  say(tone: Notice['tone'], text: string, action?: Notice['action']): void {
+    const notice = { id: ++this.noticeCount, tone, text, action };
     this.notices = [...this.notices.slice(-3), notice];
-    setTimeout(() => this.dismiss(notice.id), NOTICE_MS[tone]);
+    setTimeout(() => this.dismiss(notice.id), action ? UNDO_MS : NOTICE_MS[tone]);
   }
 
   dismiss(id: number): void {
@@ -239,6 +266,44 @@ export class Session {
     const { [id]: _gone, ...targets } = this.mission.targets;
     this.mission = { ...this.mission, targets };
     if (this.selectedTarget === id) this.selectedTarget = null;
+  }
+
+  /** Hides a target, and deletes it when nobody has taken that back for a while. */
+  deleteTarget(target: Target): void {
+    this.deletions.start(target.id);
+    if (this.selectedTarget === target.id) this.selectedTarget = null;
+    const undo = () => this.undoDeletion(target.id);
+    this.say('info', `Deleted ${target.properties.name}`, { label: 'Undo', run: undo });
+  }
+
+  /** The page goes away. */
+  leave(): void {
+    this.deletions.flush();
+  }
+
+  /** Of the last one where none is named. */
+  undoDeletion(id?: string): void {
+    const back = this.deletions.undo(id);
+    const name = back === null ? undefined : this.mission.targets[back]?.properties.name;
+    if (name !== undefined) this.say('info', `${name} is back`);
+  }
+
+  private async deleteNow(id: string, urgently: boolean): Promise<void> {
+    const target = this.mission.targets[id];
+    if (!target) return;
+    const done = await this.attempt('Delete target', async () => {
+      await this.api.deleteTarget(target, urgently);
+      return true;
+    });
+    if (done) this.dropTarget(id);
+  }
+
+  async renameTarget(target: Target, name: string): Promise<void> {
+    this.renaming = null;
+    const trimmed = name.trim();
+    if (trimmed === '' || trimmed === target.properties.name) return;
+    const changed = await this.attempt('Rename', () => this.api.renameTarget(target, trimmed));
+    if (changed) this.keepTarget(changed);
   }
 
   pickTarget(id: string, centre: boolean): void {

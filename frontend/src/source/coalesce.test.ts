@@ -22,6 +22,13 @@ it('keeps an accepted fix beside a later rejected one', () => {
   expect(waiting.take()).toHaveLength(2);
 });
 
+it("keeps what became of an operator's alignment", () => {
+  const waiting = new WaitingMessages();
+  waiting.put(message({ type: 'fix', kind: 'operator', vehicle_id: '1', accepted: true, seq: 1 }));
+  waiting.put(message({ type: 'fix', kind: 'registration', vehicle_id: '1', accepted: true, seq: 2 }));
+  expect(waiting.take().map((m) => m.seq)).toEqual([1, 2]);
+});
+
 it('does not grow while the page sleeps', () => {
   const waiting = new WaitingMessages();
   for (let seq = 0; seq < 10_000; seq++) waiting.put(message({ type: 'gps', vehicle_id: '1', seq }));

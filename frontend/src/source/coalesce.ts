@@ -13,7 +13,8 @@ export function coalescingKey(message: StationMessage): string | null {
     case 'replay_preparing':
       return `${message.type}/${message.vehicle_id}`;
     case 'fix':
-      return `fix/${message.vehicle_id}/${message.accepted}`;
+      // What became of an operator's alignment is an answer.
+      return message.kind === 'operator' ? null : `fix/${message.vehicle_id}/${message.accepted}`;
     case 'video':
       return `video/${message.source}`;
     case 'waiting':

@@ -162,6 +162,30 @@ class FakeStation implements Source {
     renameTarget: (target, name) =>
       Promise.resolve({ ...target, properties: { ...target.properties, name, version: target.properties.version + 1 } }),
     deleteTarget: () => Promise.resolve(),
+    locate: (_id, pixel, pointing) =>
+      Promise.resolve({
+        ...pixel,
+        ...pointing,
+        ...HOME,
+        t_unix_us: Date.now() * 1000,
+        mgrs: mgrsFromGeodetic(HOME),
+        utm: null,
+        dms: '',
+        alt_amsl_m: 92,
+        method: 'ray_terrain',
+        std_n_m: 1,
+        std_e_m: 1,
+        std_d_m: 1,
+        cov_ne_m2: 0,
+        ce90_m: 2.1,
+        ellipse95: { semi_major_m: 2.4, semi_minor_m: 2.4, azimuth_deg: 0 },
+        ellipse95_px: null,
+      }),
+    footprint: () => Promise.reject(new Error('the fake station knows no ground')),
+    align: () => Promise.resolve(),
+    trackPoint: () => Promise.resolve(),
+    pictureUrl: () => '',
+    exportUrl: () => '',
     denyGps: (_id, denied) => {
       this.denied = denied;
       return Promise.resolve();

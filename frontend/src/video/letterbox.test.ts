@@ -1,5 +1,5 @@
 import { describe, expect, it } from 'vitest';
-import { fitInside, pixelAt, pointOf } from './letterbox';
+import { fitInside, movedBy, pixelAt, pointOf } from './letterbox';
 
 const picture = { width: 640, height: 480 };
 
@@ -39,5 +39,21 @@ describe('pixelAt', () => {
 
   it('has no answer without a picture', () => {
     expect(pixelAt(1, 1, { left: 0, top: 0, width: 10, height: 10 }, { width: 0, height: 0 })).toBeNull();
+  });
+});
+
+describe('movedBy', () => {
+  const picture = { width: 640, height: 480 };
+
+  it('moves with the arrow keys and stays in the picture', () => {
+    expect(movedBy({ u_px: 10, v_px: 20 }, 'ArrowLeft', 1, picture)).toEqual({ u_px: 9, v_px: 20 });
+    expect(movedBy({ u_px: 10, v_px: 20 }, 'ArrowDown', 10, picture)).toEqual({ u_px: 10, v_px: 30 });
+    expect(movedBy({ u_px: 3, v_px: 20 }, 'ArrowLeft', 10, picture)).toEqual({ u_px: 0, v_px: 20 });
+    expect(movedBy({ u_px: 635.5, v_px: 20 }, 'ArrowRight', 10, picture)).toEqual({ u_px: 639, v_px: 20 });
+    expect(movedBy({ u_px: 3, v_px: 478 }, 'ArrowDown', 10, picture)).toEqual({ u_px: 3, v_px: 479 });
+  });
+
+  it('leaves other keys alone', () => {
+    expect(movedBy({ u_px: 3, v_px: 20 }, 'Enter', 10, picture)).toBeNull();
   });
 });

@@ -46,3 +46,14 @@ export function pointOf(pixel: Pixel, box: Box, picture: Size): { x: number; y: 
   const fit = fitInside(box, picture);
   return { x: fit.left + (pixel.u_px + 0.5) * fit.scale, y: fit.top + (pixel.v_px + 0.5) * fit.scale };
 }
+
+/** A pixel moved by an arrow key, held inside the picture; null where the key is no arrow. */
+export function movedBy(pixel: Pixel, key: string, step_px: number, picture: Size): Pixel | null {
+  const along = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[key];
+  if (!along) return null;
+  const held = (value: number, size: number) => Math.min(Math.max(value, 0), size - 1);
+  return {
+    u_px: held(pixel.u_px + along[0]! * step_px, picture.width),
+    v_px: held(pixel.v_px + along[1]! * step_px, picture.height),
+  };
+}

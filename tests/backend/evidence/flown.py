@@ -103,8 +103,10 @@ def click_body(frame: int = 30, u_px: float = 100.25, v_px: float = 190.75, **ch
     return {"vehicle_id": VEHICLE, "frame_id": STRIDE + frame, "u_px": u_px, "v_px": v_px, **changes}
 
 
-async def click(running: RunningStation, frame: int = 30, u_px: float = 100.25, v_px: float = 190.75) -> dict[str, Any]:
-    made = await running.client.post("/api/v1/targets", json=click_body(frame, u_px, v_px))
+async def click(
+    running: RunningStation, frame: int = 30, u_px: float = 100.25, v_px: float = 190.75, **choice: Any
+) -> dict[str, Any]:
+    made = await running.client.post("/api/v1/targets", json=click_body(frame, u_px, v_px, **choice))
     assert made.status_code == 201, made.text
     return dict(made.json())
 

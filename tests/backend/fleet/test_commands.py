@@ -5,7 +5,8 @@ import math
 import pytest
 
 from backend.errors import InvalidRequestError
-from backend.fleet.commands import steps_of
+from backend.fleet.commands import steps_of, tracking_steps
+from backend.fleet.feed import FrameIdentity
 from backend.link.events import Autopilot, VehicleType
 from backend.schemas.vehicles import CommandBody
 
@@ -53,3 +54,21 @@ def test_hold_of_px4_and_of_ardupilot_are_their_own_modes() -> None:
 def test_incomplete_commands_are_refused(body: dict[str, object]) -> None:
     with pytest.raises(InvalidRequestError):
         steps_of(CommandBody.model_validate(body), *HELI)
+
+
+def test_a_point_to_track_is_a_share_of_the_picture_from_its_top_left() -> None:
+    frame = FrameIdentity(3, 0, 640, 480)
+    (step,) = tracking_steps(CommandBody(command="track_point", frame_id=3, u_px=159.5, v_px=359.5), frame)
+    (stop,) = tracking_steps(CommandBody(command="track_stop"), None)
+
+    assert (step.command, step.params[:2], step.frame) == (2004, (0.25, 0.75), None)
+    assert stop.command == 2010
+
+
+@pytest.mark.parametrize(("u_px", "v_px"), [(640.0, 5.0), (5.0, -0.6), (None, 5.0)])
+def test_a_point_outside_the_picture_is_refused(u_px: float | None, v_px: float) -> None:
+    body = CommandBody(command="track_point", frame_id=3, u_px=u_px, v_px=v_px)
+    with pytest.raises(InvalidRequestError):
+        tracking_steps(body, FrameIdentity(3, 0, 640, 480))
+    with pytest.raises(InvalidRequestError, match="needs frame_id"):
+        tracking_steps(body, None)

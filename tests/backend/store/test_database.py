@@ -138,6 +138,30 @@ async def test_an_existing_database_is_used_as_it_is_and_marked(tmp_path: Path) 
     assert version == SCHEMA_VERSION
 
 
+async def test_an_older_database_gets_the_columns_that_were_added_since(tmp_path: Path) -> None:
+    """One of schema 1, which knew neither the height above ground nor the choice of the ground."""
+    first = await Database.open(tmp_path / "s.db")
+    async with first.session.begin() as session:
+        session.add(row("old"))
+    await first.close()
+    with closing(sqlite3.connect(tmp_path / "s.db")) as connection:
+        connection.execute("ALTER TABLE targets DROP COLUMN height_above_ground_m")
+        connection.execute("ALTER TABLE targets DROP COLUMN ground")
+        connection.execute("PRAGMA user_version = 1")
+    second = await Database.open(tmp_path / "s.db")
+    async with second.session.begin() as session:
+        new = row("new")
+        new.height_above_ground_m, new.ground = 4.5, "flat"
+        session.add(new)
+    await second.close()
+    third = await Database.open(tmp_path / "s.db")
+    async with third.session() as session:
+        found = {r.name: (r.height_above_ground_m, r.ground) for r in await session.scalars(select(TargetRow))}
+    await third.close()
+
+    assert found == {"old": (None, None), "new": (4.5, "flat")}
+
+
 @pytest.mark.parametrize("kind", ["folder", "missing folder", "cut off", "newer"])
 async def test_a_file_that_cannot_be_used_is_named_and_let_go(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "s.db"
