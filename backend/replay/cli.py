@@ -55,7 +55,8 @@ def register(app: typer.Typer) -> None:
 def replay(
     flight: Annotated[Path, typer.Argument(help="A flight folder, the one that holds flight.json.")],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for estimate.csv, fixes.csv, targets.csv, sightings.csv, reports.")
+        Path | None,
+        typer.Option("--out", help="Folder for estimate.csv, fixes.csv, targets.csv, sightings.csv, reports."),
     ] = None,
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
