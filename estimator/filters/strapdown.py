@@ -7,12 +7,12 @@ edition, chapter 5.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.geometry.earth import EARTH_RATE_RAD_S, gravity_m_s2, meridian_radius_m, transverse_radius_m
+from estimator.geometry.rotation import Quaternion, quaternion_exponential, quaternion_product
 from estimator.types import Float
 
 
@@ -67,8 +67,8 @@ def propagate(
     fx, fy, fz = specific_force_body_m_s2.tolist()
     earth_n, _, earth_d = earth.rate_ned_rad_s.tolist()
     turn_n, turn_e, turn_d = earth.transport_rate_ned_rad_s(vn, ve)
-    half_turn = _exp(rate_body_rad_s.tolist(), 0.5 * dt_s)
-    q_half = _product(motion.q_ned_from_body.tolist(), half_turn)
+    half_turn = quaternion_exponential(*(rate_body_rad_s * (0.5 * dt_s)).tolist())
+    q_half = quaternion_product(tuple(motion.q_ned_from_body.tolist()), half_turn)
     an, ae, ad = _rotated(q_half, fx, fy, fz)
     # Coriolis, of the Earth and of the frame that follows the vehicle
     cn, ce, cd = 2.0 * earth_n + turn_n, turn_e, 2.0 * earth_d + turn_d
@@ -77,8 +77,8 @@ def propagate(
     ad += earth.gravity_m_s2 - (cn * ve - ce * vn)
     dn, de, dd = an * dt_s, ae * dt_s, ad * dt_s
     step = np.array(((vn + 0.5 * dn) * dt_s, (ve + 0.5 * de) * dt_s, (vd + 0.5 * dd) * dt_s))
-    frame_turn = _exp((earth_n + turn_n, turn_e, earth_d + turn_d), -dt_s)
-    w, x, y, z = _product(frame_turn, _product(q_half, half_turn))
+    frame_turn = quaternion_exponential(-(earth_n + turn_n) * dt_s, -turn_e * dt_s, -(earth_d + turn_d) * dt_s)
+    w, x, y, z = quaternion_product(frame_turn, quaternion_product(q_half, half_turn))
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     return Motion(
         motion.pos_ned_m + step, motion.vel_ned_m_s + np.array((dn, de, dd)),
@@ -86,33 +86,7 @@ def propagate(
     )  # fmt: skip
 
 
-_Four = tuple[float, float, float, float]
-
-
-def _exp(rate: Sequence[float], dt_s: float) -> _Four:
-    """Quaternion of a rotation at a rate about fixed axes."""
-    x, y, z = rate
-    x, y, z = x * dt_s, y * dt_s, z * dt_s
-    angle = math.sqrt(x * x + y * y + z * z)
-    if not math.isfinite(angle):
-        return (math.nan,) * 4
-    scale = math.sin(0.5 * angle) / angle if angle > 1e-6 else 0.5
-    return math.cos(0.5 * angle), scale * x, scale * y, scale * z
-
-
-def _product(a: Sequence[float], b: _Four) -> _Four:
-    """Hamilton product."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
-
-
-def _rotated(q: _Four, x: float, y: float, z: float) -> tuple[float, float, float]:
+def _rotated(q: Quaternion, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector turned by a unit quaternion: v + 2 w (u x v) + 2 u x (u x v)."""
     w, a, b, c = q
     tx, ty, tz = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)

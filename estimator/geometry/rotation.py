@@ -24,19 +24,37 @@ _SMALL_RAD: Final = 1e-4
 _LOCKED_COS_PITCH: Final = 1e-8
 
 
+Quaternion = tuple[float, float, float, float]
+
+
+def quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """``q_multiply`` of two quaternions in plain numbers, for code that builds no arrays on its way."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+def quaternion_exponential(x_rad: float, y_rad: float, z_rad: float) -> Quaternion:
+    """``q_from_rotvec`` in plain numbers."""
+    angle = math.sqrt(x_rad * x_rad + y_rad * y_rad + z_rad * z_rad)
+    if angle < _SMALL_RAD:
+        scale = 0.5 - angle * angle / 48.0
+        return 1.0 - angle * angle / 8.0, scale * x_rad, scale * y_rad, scale * z_rad
+    if not math.isfinite(angle):
+        return math.nan, math.nan, math.nan, math.nan
+    scale = math.sin(0.5 * angle) / angle
+    return math.cos(0.5 * angle), scale * x_rad, scale * y_rad, scale * z_rad
+
+
 def q_multiply(a: Float, b: Float) -> Float:
     """Hamilton product (..., 4): the rotation ``b`` followed by ``a``, q_a_from_c = q_a_from_b * q_b_from_c."""
     if a.ndim == 1 and b.ndim == 1:
-        aw, ax, ay, az = a.tolist()
-        bw, bx, by, bz = b.tolist()
-        return np.array(
-            (
-                aw * bw - ax * bx - ay * by - az * bz,
-                aw * bx + ax * bw + ay * bz - az * by,
-                aw * by - ax * bz + ay * bw + az * bx,
-                aw * bz + ax * by - ay * bx + az * bw,
-            )
-        )
+        return np.array(quaternion_product(tuple(a.tolist()), tuple(b.tolist())))
     w0, x0, y0, z0 = _components(a)
     w1, x1, y1, z1 = _components(b)
     return np.stack(
@@ -165,15 +183,7 @@ def matrix_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, yaw_rad: ArrayL
 def q_from_rotvec(v: Float) -> Float:
     """Unit quaternion (..., 4) of a rotation vector (..., 3): the exponential map."""
     if v.ndim == 1:
-        x, y, z = v.tolist()
-        angle = math.sqrt(x * x + y * y + z * z)
-        if angle < _SMALL_RAD:
-            scale = 0.5 - angle * angle / 48.0
-            return np.array((1.0 - angle * angle / 8.0, scale * x, scale * y, scale * z))
-        if not math.isfinite(angle):
-            return np.full(4, np.nan)
-        scale = math.sin(0.5 * angle) / angle
-        return np.array((math.cos(0.5 * angle), scale * x, scale * y, scale * z))
+        return np.array(quaternion_exponential(*v.tolist()))
     angles = np.sqrt(np.sum(v * v, axis=-1, keepdims=True))
     small = angles < _SMALL_RAD
     safe = np.where(small, 1.0, angles)
