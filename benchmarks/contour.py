@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.contour_scenes import HEADING_MAX_RAD, TILT_STD_RAD, Ground, Place, Shot, Video, open_place, shots
+from benchmarks.studies.cli import parse_seeds
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
 from estimator.ports import GroundModel, ReferenceMap
@@ -233,13 +234,6 @@ def _finite(figures: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in figures.items()}
 
 
-def _seeds(text: str) -> list[int]:
-    first, _, last = text.partition("-")
-    if not first.isdigit() or (last and not last.isdigit()) or int(last or first) < int(first):
-        raise typer.BadParameter(f"--seeds '{text}' is not a range such as 201-220")
-    return list(range(int(first), int(last or first) + 1))
-
-
 def main(
     seeds: Annotated[str, typer.Option(help="Worlds, FIRST-LAST.")] = "201-220",
     pictures: Annotated[int | None, typer.Option(min=1, help=f"Of each world  [{PICTURES}]")] = None,
@@ -256,7 +250,7 @@ def main(
     unknown = [name for name in names if name not in METHODS]
     if unknown:
         raise typer.BadParameter(f"--only '{unknown[0]}': the methods are {', '.join(METHODS)}")
-    chosen = _seeds(seeds)[:1] if short else _seeds(seeds)
+    chosen = parse_seeds(seeds, short)[: 1 if short else None]
     count = pictures or (SHORT_PICTURES if short else PICTURES)
     found = run(chosen, count, math.radians(heading_error), names, cache, Console(stderr=True))
     rows = [row_of(video, name, found[video, name]) for video in Video for name in names]

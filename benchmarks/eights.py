@@ -27,7 +27,7 @@ from rich.table import Table
 from backend.navigation.setup import TERRAIN_STD_M, MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from backend.targeting import scene_of
 from backend.uncertainty import circular_error_m
-from benchmarks.studies.cli import default_cache
+from benchmarks.studies.cli import default_cache, parse_seeds
 from benchmarks.targets import Miss, summary
 from estimator.errors import GeometryError
 from estimator.geometry.rotation import matrix_from_euler, matrix_from_q, q_from_matrix, q_from_rotvec
@@ -199,7 +199,7 @@ def sight(
         except GeometryError:
             continue
         body = matrix_from_q(state.q_ned_from_body)
-        views.append(View(state.pos_ned_m + state.lever_ned_m, body, mount.body_from_camera, camera.rays(clicked)))
+        views.append(View(state.lens_ned_m, body, mount.body_from_camera, camera.rays(clicked)))
         states.append(state)
     return Sighted(tuple(places), to_local, _by_lines(places, views, states))
 
@@ -288,14 +288,12 @@ def main(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Locate targets from a simulated fixed wing in figures of eight and print how far off they are."""
-    first, _, last = seeds.partition("-")
-    if not (first.isdecimal() and (last or first).isdecimal() and int(first) <= int(last or first)):
-        raise typer.BadParameter(f"--seeds {seeds}: FIRST-LAST, such as 201-210")
+    chosen = parse_seeds(seeds, short=False)
     console = Console(stderr=True)
     cv2.setNumThreads(1)
     telemetry = Telemetry(bias_deg, course, late_s)
     found: list[Miss] = []
-    for seed in range(int(first), int(last or first) + 1):
+    for seed in chosen:
         found += run_seed(seed, targets, telemetry, default_cache())
         console.print(f"seed {seed}")
     figures: dict[str, Any] = summary(found)

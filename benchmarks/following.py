@@ -28,6 +28,7 @@ from benchmarks.following_scenes import (
     Pose,
     world_of,
 )  # fmt: skip
+from benchmarks.studies.cli import parse_seeds
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
 from estimator.geometry.ground import ground_point_covariance, intersect_terrain
@@ -340,15 +341,14 @@ def main(
 ) -> None:
     """Follow parked and driving cars among their twins through simulated flights. Hours for twenty seeds."""
     cv2.setNumThreads(1)
-    first, _, last = seeds.partition("-")
-    if not first.isdigit() or not (last or first).isdigit() or level not in LEVELS:
-        message = f"--seeds is FIRST-LAST and --level one of {', '.join(LEVELS)}"
+    numbers = parse_seeds(seeds, short)[: 1 if short else None]
+    if level not in LEVELS:
+        message = f"--level is one of {', '.join(LEVELS)}"
         raise typer.BadParameter(message)
     kinds = {"both": (False, True), "standing": (False,), "moving": (True,)}.get(kind)
     if kinds is None:
         message = "--kind is standing, moving or both"
         raise typer.BadParameter(message)
-    numbers = range(int(first), int(first) + 1 if short else int(last or first) + 1)
     errors = Console(stderr=True)
     outcomes: list[Outcome] = []
     for seed in numbers:
