@@ -76,5 +76,5 @@ def _way_since(sample: AlignmentSample, history: StateHistory, vel_now_ned_m_s: 
 def _report(sample: AlignmentSample, pos_ne_m: Float, cov_ne_m2: Float, reason: str) -> FixReport:
     return FixReport(
         sample.t_us, sample.frame_id, KIND, reason == "", reason, float(pos_ne_m[0]), float(pos_ne_m[1]), cov_ne_m2,
-        score=math.nan, outlier_probability=math.nan, heading_correction_rad=0.0, scale_correction=1.0, elapsed_ms=0.0,
+        score=math.nan, outlier_probability=math.nan, heading_correction_rad=0.0, scale_correction=0.0, elapsed_ms=0.0,
     )  # fmt: skip
