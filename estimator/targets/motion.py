@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import expm
 
 from estimator.types import Float
 
@@ -188,11 +189,7 @@ class TargetMotion:
             [c.stop_rate, c.settle_rate, 0.0],
         ])  # fmt: skip
         rates -= np.diag(rates.sum(axis=1))
-        # long gaps settle at the chain's own equilibrium: the exponential by its eigenvalues
-        values, vectors = np.linalg.eig(rates)
-        out = np.real((vectors * np.exp(values * dt_s)) @ np.linalg.inv(vectors))
-        out = np.maximum(out, 0.0)
-        changes: Float = out / out.sum(axis=1, keepdims=True)
+        changes: Float = expm(rates * dt_s)
         return changes
 
     def _predicted(self, dt_s: float) -> tuple[Float, Float, Float]:
