@@ -140,10 +140,7 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIden
 
 def camera_pixel(u_px: float, v_px: float, frame: FrameIdentity, setup: NavigationSetup) -> tuple[float, float]:
     """The pixel of the calibrated camera for a pixel of the video, which may be scaled but not cut."""
-    if not (-0.5 <= u_px <= frame.width_px - 0.5 and -0.5 <= v_px <= frame.height_px - 0.5):
-        raise InvalidRequestError(
-            f"pixel ({u_px}, {v_px}) lies outside the frame of {frame.width_px} x {frame.height_px}"
-        )
+    frame.check_shows(u_px, v_px)
     camera = setup.camera
     scale_u, scale_v = camera.width_px / frame.width_px, camera.height_px / frame.height_px
     if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:

@@ -89,7 +89,6 @@ def cut(
     GeometryError
         The pixel lies outside picture or lens, its ray meets no ground, or meets it where nobody knows its height.
     """
-    ray = matrix_from_q(state.q_ned_from_camera) @ pixel_ray(setup.camera, uv_px)
     ground_std_m, slope_std = setup.ground_errors(state)
     std_m = math.hypot(ground_std_m, STATED_HEIGHT_SHARE * pointing.height_above_ground_m)
     if pointing.ground == "flat":
@@ -97,6 +96,7 @@ def cut(
             slope_std = UNKNOWN_SLOPE_STD
         found = _cut(state, setup, uv_px, pointing, ground, (std_m, slope_std), MAX_RANGE_M)
         return CutRay(found, std_m, slope_std, "ray_flat")
+    ray = matrix_from_q(state.q_ned_from_camera) @ pixel_ray(setup.camera, uv_px)
     reach_m = float(reaches_m(state, setup, ray[np.newaxis], pointing)[0])
     try:
         found = _cut(state, setup, uv_px, pointing, ground, (std_m, slope_std), reach_m)

@@ -33,7 +33,7 @@ from backend.evidence.keeper import EvidenceKeeper
 from backend.exports.sender import CotSender
 from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
-from backend.fleet.feed import VideoFeed
+from backend.fleet.feed import FrameIdentity, VideoFeed
 from backend.fleet.fleet import Fleet
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
@@ -236,6 +236,10 @@ class Station:
                 return replay
         raise UnknownSourceError(source)
 
+    def frame_of(self, vehicle: VehicleView, frame_id: int) -> FrameIdentity:
+        """A frame of a vehicle's video; its errors are those of ``feed`` and ``VideoFeed.identify``."""
+        return self.feed(vehicle.video_source or "").identify(frame_id)
+
     def deny_gps(self, vehicle_id: str, denied: bool) -> None:
         """Keep GPS from a vehicle's estimator, or give it back."""
         vehicle = self.live_vehicle(vehicle_id)
@@ -251,7 +255,7 @@ class Station:
         if link is None or not vehicle.connected:
             raise CommandRefusedError(f"vehicle '{vehicle_id}' is not connected")
         command_id = str(uuid.uuid4())
-        frame = None if body.frame_id is None else self.feed(vehicle.video_source or "").identify(body.frame_id)
+        frame = None if body.frame_id is None else self.frame_of(vehicle, body.frame_id)
         link_id = send_command(link.link, vehicle, body, frame)
         self.fleet.note_command(link.name, link_id, command_id, body.command)
         link.send_soon()
@@ -269,10 +273,9 @@ class Station:
             if body.frame_id is None:
                 raise InvalidRequestError("a click needs frame_id, u_px and v_px")
             vehicle = self.vehicle(body.vehicle_id)
-            feed = self.feed(vehicle.video_source or "")
-            sighting = await clicked_target(body, vehicle, feed.identify(body.frame_id))
+            sighting = await clicked_target(body, vehicle, self.frame_of(vehicle, body.frame_id))
             target = sighting.target
-            await self.evidence.keep(sighting, feed)
+            await self.evidence.keep(sighting, self.feed(vehicle.video_source or ""))
         self._target_names += 1
         target = replace(target, name=target.name or f"Target {self._target_names}")
         await self._keep_row(target)

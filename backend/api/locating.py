@@ -87,4 +87,4 @@ async def align(vehicle_id: str, body: AlignmentBody, station: TheStation) -> Al
 
 def _frame(station: Station, vehicle_id: str, frame_id: int) -> tuple[VehicleView, FrameIdentity]:
     vehicle = station.vehicle(vehicle_id)
-    return vehicle, station.feed(vehicle.video_source or "").identify(frame_id)
+    return vehicle, station.frame_of(vehicle, frame_id)

@@ -65,11 +65,8 @@ def tracking_steps(body: CommandBody, frame: FrameIdentity | None) -> list[Comma
         return [CommandStep(CAMERA_STOP_TRACKING)]
     if frame is None or body.u_px is None or body.v_px is None:
         raise InvalidRequestError("track_point needs frame_id, u_px and v_px")
-    # Pixel centres are whole numbers, so the picture's edge lies at -0.5.
+    frame.check_shows(body.u_px, body.v_px)
     x, y = (body.u_px + 0.5) / frame.width_px, (body.v_px + 0.5) / frame.height_px
-    if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
-        size = f"{frame.width_px} x {frame.height_px}"
-        raise InvalidRequestError(f"pixel ({body.u_px}, {body.v_px}) lies outside the frame of {size}")
     return [CommandStep(CAMERA_TRACK_POINT, (x, y, TRACK_RADIUS))]
 
 

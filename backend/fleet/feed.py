@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from backend.errors import InvalidRequestError
 from backend.fleet.viewers import Audience
 
 
@@ -17,6 +18,15 @@ class FrameIdentity:
     width_px: int
     height_px: int
     stamped: bool = False
+
+    def check_shows(self, u_px: float, v_px: float) -> None:
+        """Raise InvalidRequestError for a pixel outside the frame.
+
+        Pixel centres are whole numbers, so the frame's edge lies at -0.5.
+        """
+        if not (-0.5 <= u_px <= self.width_px - 0.5 and -0.5 <= v_px <= self.height_px - 0.5):
+            size = f"{self.width_px} x {self.height_px}"
+            raise InvalidRequestError(f"pixel ({u_px}, {v_px}) lies outside the frame of {size}")
 
 
 class VideoFeed(Protocol):
