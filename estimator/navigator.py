@@ -368,7 +368,7 @@ class Navigator:
         if innovation is None or self._eskf is None:
             return False
         gate = gate_sigmas**2 * len(innovation.z)
-        accepted, _ = self._eskf.update(innovation.z, innovation.H, innovation.R, gate, what)
+        accepted, _ = self._eskf.update(innovation.z, innovation.H, innovation.R, gate, what, innovation.R_one)
         key = what if accepted else f"{what}_rejected"
         self._counts[key] = self._counts.get(key, 0) + 1
         return accepted
@@ -391,11 +391,8 @@ class Navigator:
         if not self._due("try", sample.t_us, self.config.gnss_interval_s):
             return
         pos = self.frame.ned_from_geodetic(sample.lat_rad, sample.lon_rad, sample.alt_amsl_m)
-        std = max(sample.std_horizontal_m, self.config.gnss_min_std_m)
-        # a receiver's height wanders slowly: fixes in a row say it once
-        alike = 2.0 * self.config.gnss_height_time_s / self.config.gnss_interval_s
-        vertical_std = max(sample.std_vertical_m, 2.0 * self.config.gnss_min_std_m) * np.sqrt(1.0 + alike)
-        if self._apply("gnss", gnss.position(self._eskf, pos, std, vertical_std), gate_sigmas=5.0):
+        std_ned_m, alike = self.config.gnss_noise(sample)
+        if self._apply("gnss", gnss.position(self._eskf, pos, std_ned_m, alike), gate_sigmas=5.0):
             self._last_us["gnss"] = sample.t_us
 
     def _fuse_attitude(self, sample: AttitudeSample) -> None:

@@ -3,12 +3,12 @@
 The error state holds position, velocity and attitude error (the small rotation about the NED axes that takes the
 nominal attitude to the true one), the accelerometer bias of Conte 2009 (section 4.3, twelve states), and groups that
 can be left out: gyroscope bias, barometer bias, camera misalignment, the slow error of the attitude that the autopilot
-reports, how far the visible surface lies below the ground model, and the local displacement of the reference imagery.
-The last two change with the ground flown over and not with time. The displacement of the imagery as a whole is not
-estimated until ``learn_map_offset`` says that there is one. Then come stochastic clones of the position and the
-camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous picture and at the last
-keyframe, which make visual odometry an ordinary measurement, and the common errors of the heights that points have by
-the last two keyframes.
+reports, how far the visible surface lies below the ground model, and how far the reference imagery is displaced, from
+place to place and as a region. The last three change with the ground flown over and not with time. The displacement
+of the imagery as a whole is not estimated until ``learn_map_offset`` says that there is one. Then come stochastic
+clones of the position and the camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous
+picture and at the last keyframe, which make visual odometry an ordinary measurement, and the common errors of the
+heights that points have by the last two keyframes.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from estimator.types import Float
 
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "map_offset", "clone_position", "clone_rotation",
+    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "clone_position", "clone_rotation",
     "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 _MOTION = 9
 _P, _V, _A = slice(0, 3), slice(3, 6), slice(6, 9)
 """Position, velocity and attitude: always there, and first."""
 _ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
-_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_offset": 2}
+_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_region": 2, "map_offset": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,9 @@ class ProcessNoise:
     # trees and houses stand above a ground model for tens of metres; the model is off, or the land wooded, for longer
     ground_bias_std_m: tuple[float, float] = (7.0, 0.7)
     ground_bias_length_m: tuple[float, float] = (80.0, 1500.0)
-    map_bias_length_m: float = 45.0
+    # until a picture tells its footprint (ADR 0015)
+    map_bias_length_m: float = 90.0
+    map_region_length_m: float = 1500.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
 
@@ -117,6 +119,7 @@ class Nominal:
     attitude_bias_rad: Float
     ground_biases_m: Float = field(default_factory=lambda: np.zeros(2))
     map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
+    map_region_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     map_offset_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
     keyframe: Clone | None = None
@@ -127,12 +130,14 @@ class Nominal:
 
         Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs.
         """
-        bias, ground, imagery = index.get("attitude_bias"), index.get("ground_bias"), index.get("map_bias")
+        bias, ground = index.get("attitude_bias"), index.get("ground_bias")
+        imagery, region = index.get("map_bias"), index.get("map_region")
         return Nominal(
             motion, self.accelerometer_bias_m_s2, self.gyroscope_bias_rad_s, self.barometer_bias_m, self.boresight_rad,
             self.attitude_bias_rad if bias is None else self.attitude_bias_rad * kept[bias],
             self.ground_biases_m if ground is None else self.ground_biases_m * kept[ground],
             self.map_bias_ne_m if imagery is None else self.map_bias_ne_m * kept[imagery],
+            self.map_region_ne_m if region is None else self.map_region_ne_m * kept[region],
             self.map_offset_ne_m, self.clone, self.keyframe, self.structure_m,
         )  # fmt: skip
 
@@ -141,10 +146,20 @@ class Nominal:
         """How far what is seen lies below the ground model."""
         return float(self.ground_biases_m.sum())
 
+    @property
+    def map_displacement_ne_m(self) -> Float:
+        """How far (2,) the imagery is displaced here, for all its reasons."""
+        total: Float = self.map_bias_ne_m + self.map_region_ne_m + self.map_offset_ne_m
+        return total
+
 
 @dataclass(slots=True)
 class InnovationTally:
-    """Numbers that accepted innovations held, and the sum of their normalised squares: one each, if R is right."""
+    """Numbers that accepted innovations held, and the sum of their normalised squares: one each, if ``R_one`` is right.
+
+    An innovation is held against what one reading errs by, not against a noise widened for what readings in a row have
+    in common: widening tells how much they count together, and nothing of the size of each.
+    """
 
     numbers: int = 0
     nis: float = 0.0
@@ -177,6 +192,7 @@ class ErrorStateFilter:
         self._motion_noise[layout.slices["velocity"]] = noise.accelerometer_m_s2_rt_s**2
         self._motion_noise[layout.slices["attitude"]] = noise.gyroscope_rad_rt_s**2
         self.map_bias_std_m = 1.0
+        self._map_region_std_m = self._most_map_region_m = 0.0
         self.innovations: dict[str, InnovationTally] = {}
 
     @property
@@ -190,6 +206,27 @@ class ErrorStateFilter:
         if self.layout.has("map_bias"):
             self._renewed_m2[self.layout.slices["map_bias"]] = std_m**2
 
+    @property
+    def map_region_std_m(self) -> float:
+        """How far the imagery of the region is displaced, a standard deviation on each axis."""
+        return self._map_region_std_m
+
+    @map_region_std_m.setter
+    def map_region_std_m(self, std_m: float) -> None:
+        """Growth counts at once: over so long a way it would not arrive in a flight. Once only, or it would add up."""
+        self._map_region_std_m = std_m
+        if self.layout.has("map_region"):
+            where = self.layout.slices["map_region"]
+            self._renewed_m2[where] = std_m**2
+            if std_m > self._most_map_region_m:
+                self.inflate("map_region", std_m**2 - self._most_map_region_m**2)
+                self._most_map_region_m = std_m
+
+    def see_map_over(self, length_m: float) -> None:
+        """Let the imagery's displacement from place to place be alike over so many metres flown."""
+        if self.layout.has("map_bias"):
+            self._per_metre[self.layout.slices["map_bias"]] = 1.0 / length_m
+
     def _fading(self) -> tuple[Float, Float]:
         """How fast each state (size,) fades, per metre flown and per second."""
         per_metre, per_second = np.zeros(self.layout.size), np.zeros(self.layout.size)
@@ -198,6 +235,8 @@ class ErrorStateFilter:
             per_metre[part["ground_bias"]] = 1.0 / np.array(noise.ground_bias_length_m)
         if "map_bias" in part:
             per_metre[part["map_bias"]] = 1.0 / noise.map_bias_length_m
+        if "map_region" in part:
+            per_metre[part["map_region"]] = 1.0 / noise.map_region_length_m
         if "attitude_bias" in part:
             per_second[part["attitude_bias"]] = 1.0 / noise.attitude_bias_time_s
         return per_metre, per_second
@@ -287,23 +326,27 @@ class ErrorStateFilter:
         north, east, _ = self.nominal.motion.vel_ned_m_s.tolist()
         return math.hypot(north, east) * dt_s
 
-    def update(self, z: Float, H: Float, R: Float, gate: float = np.inf, what: str = "") -> tuple[bool, float]:
+    def update(
+        self, z: Float, H: Float, R: Float, gate: float = np.inf, what: str = "", R_one: Float | None = None
+    ) -> tuple[bool, float]:  # fmt: skip
         """Fuse an innovation; returns whether the gate accepted it, and its normalised square (NaN if rejected).
 
         One that is not finite is rejected: a single such number would leave nothing of the estimate. The accepted are
-        tallied by ``what`` was measured.
+        tallied by ``what`` was measured, against ``R_one`` as `Innovation` has it.
         """
         if not (np.isfinite(z).all() and np.isfinite(H).all() and np.isfinite(R).all()):
             return False, float("nan")
-        correction = correct(self.P, z, H, R, gate)
+        nis = float("nan") if R_one is None else float(z @ np.linalg.solve(H @ self.P @ H.T + R_one, z))
+        correction = None if nis > gate else correct(self.P, z, H, R, gate)
         if correction is None:
             return False, float("nan")
+        nis = correction.nis if R_one is None else nis
         self.P = correction.P
         self._inject(correction.dx)
         tally = self.innovations.setdefault(what, InnovationTally())
         tally.numbers += len(z)
-        tally.nis += correction.nis
-        return True, correction.nis
+        tally.nis += nis
+        return True, nis
 
     def _inject(self, dx: Float) -> None:
         """Move the error into the nominal state.
@@ -334,6 +377,7 @@ class ErrorStateFilter:
             attitude_bias_rad=moved("attitude_bias", nominal.attitude_bias_rad),
             ground_biases_m=moved("ground_bias", nominal.ground_biases_m),
             map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
+            map_region_ne_m=moved("map_region", nominal.map_region_ne_m),
             map_offset_ne_m=moved("map_offset", nominal.map_offset_ne_m),
             clone=self._moved_clone(nominal.clone, "clone", dx),
             keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
@@ -369,6 +413,7 @@ class ErrorStateFilter:
         """One with the same estimate that can be carried on by itself."""
         other = copy.copy(self)
         other.P = self.P.copy()
+        other._renewed_m2, other._per_metre = self._renewed_m2.copy(), self._per_metre.copy()
         return other
 
     def clone(self, camera: Clone, camera_attitude: Float) -> None:

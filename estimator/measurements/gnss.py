@@ -16,11 +16,15 @@ LAG_S = 0.2
 UNKNOWN_ACCELERATION_M_S2 = 1.5
 
 
-def position(eskf: ErrorStateFilter, pos_ned_m: Float, std_horizontal_m: float, std_vertical_m: float) -> Innovation:
-    """Innovation of a position (3,) in the local frame."""
+def position(eskf: ErrorStateFilter, pos_ned_m: Float, std_ned_m: Float, alike: Float) -> Innovation:
+    """Innovation of a position (3,) in the local frame, each with a sigma (3,).
+
+    A receiver's errors wander slowly: ``alike`` (3,) fixes in a row say it once.
+    """
     z = pos_ned_m - eskf.nominal.motion.pos_ned_m
     H = eskf.layout.jacobian(3, position=np.eye(3))
-    return Innovation(z, H, np.diag([std_horizontal_m**2, std_horizontal_m**2, std_vertical_m**2]))
+    R_one = np.diag(std_ned_m**2)
+    return Innovation(z, H, R_one * np.maximum(alike, 1.0), R_one)
 
 
 def velocity(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -56,11 +56,13 @@ class MapFixConfig:
 
     ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
     alike, ``ambiguity_share`` that over which pictures confuse the same places; ``min_weight`` what a fix from the
-    same place still counts. ``noise_inflation`` multiplies the windows' own
-    sigma (neighbours err alike), ``density_inflation`` that of the density; of the variance ``white_share`` is each
-    picture's own and the rest the map's, between ``min_map_bias_m`` and ``max_map_bias_m``. Windows count where
-    ``min_agreement`` of them agree. From a heading sigma of ``slice_heading_rad`` on, the density is kept for each
-    heading that is tried. ADR 0008 says how the numbers were found.
+    same place still counts. ``noise_inflation`` multiplies the windows' own sigma (neighbours err alike),
+    ``density_inflation`` that of the density, ``slices_inflation`` that of one for each heading. Of the variance
+    ``white_share`` is each picture's own, ``regional_share`` the region's, and the rest alike over ``local_share`` of
+    the footprint; either displacement is between ``min_map_bias_m`` and ``max_map_bias_m`` and follows the pictures by
+    its memory. An axis on which a picture tells less than ``least_information`` of what is known is left out. Windows
+    count where ``min_agreement`` of them agree. From a heading sigma of ``slice_heading_rad`` on, the density is kept
+    for each heading that is tried. ADR 0008 and 0015 say how the numbers were found.
 
     Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
     horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
@@ -75,11 +77,16 @@ class MapFixConfig:
     min_weight: float = 0.03
     ambiguity_share: float = 0.12
     noise_inflation: float = 3.0
-    density_inflation: float = 1.25
-    white_share: float = 0.3
+    density_inflation: float = 0.85
+    slices_inflation: float = 1.25
+    white_share: float = 0.05
+    regional_share: float = 0.45
+    local_share: float = 1.0
+    least_information: float = 0.01
     min_agreement: float = 0.4
     max_innovation_sigmas: float = 6.0
     map_bias_memory: float = 0.9
+    map_region_memory: float = 0.95
     min_map_bias_m: float = 0.05
     max_map_bias_m: float = 2.0
     max_outlier_probability: float = 0.99
@@ -286,11 +293,10 @@ class MapFixer:
         J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
         information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
         cov_ne_m2 = np.asarray(np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
-        self._follow_map_bias(eskf, config.noise_inflation**2 * cov_ne_m2)
-        noise = terrain_fix.PoseNoise(
-            config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation / np.sqrt(weight)
-        )
-        innovation = terrain_fix.pose(refinement, T, match.centre_ned_m, pose.pos_ned_m, noise)
+        self._follow_map(eskf, config.noise_inflation**2 * cov_ne_m2, match.footprint_m)
+        own = terrain_fix.PoseNoise(config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation)
+        noise = replace(own, shape=own.shape / np.sqrt(weight))
+        innovation = terrain_fix.pose(refinement, T, match.centre_ned_m, pose.pos_ned_m, noise, own)
         if innovation is None:
             return "the picture says nothing of the pose"
         if not _apply(eskf, innovation, config.max_innovation_sigmas):
@@ -301,7 +307,8 @@ class MapFixer:
         self, match: Match, eskf: ErrorStateFilter, camera: CameraAttitude, pose: CameraPose, T: Float, weight: float,
         prior: Moments, posterior: Moments,
     ) -> str | None:  # fmt: skip
-        if self.config.hand_over is HandOver.DENSITY:
+        config = self.config
+        if config.hand_over is HandOver.DENSITY:
             return self._update_by_mean(match, eskf, pose, T, posterior)
         sliced = len(prior.mean_ne_m) == 3
         lever_m = 0.5 * match.footprint_m  # headings count by what they move at the picture's rim
@@ -311,15 +318,19 @@ class MapFixer:
             return "the picture says nothing of the position"
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted = eskf.nominal.motion.pos_ned_m[:2]
-        cov_ne_m2 = increment.cov_ne_m2 * self.config.density_inflation**2
-        self._follow_map_bias(eskf, cov_ne_m2[:2, :2])
-        R = self._noise(eskf, cov_ne_m2[:2, :2], weight)
+        cov_ne_m2 = increment.cov_ne_m2 * (config.slices_inflation if sliced else config.density_inflation) ** 2
+        self._follow_map(eskf, cov_ne_m2[:2, :2], match.footprint_m)
+        R, R_one = (self._noise(eskf, cov_ne_m2[:2, :2], counts) for counts in (weight, 1.0))
         if sliced:
             H = np.vstack((H, lever_m * _heading_jacobian(eskf, camera)))
             predicted = np.append(predicted, 0.0)
             R = self._with_heading_noise(R, cov_ne_m2, weight, lever_m)
-        innovation = Innovation(increment.position_ne_m - predicted, H, R)
-        if not _apply(eskf, innovation, self.config.max_innovation_sigmas):
+            R_one = self._with_heading_noise(R_one, cov_ne_m2, 1.0, lever_m)
+        whole = Innovation(increment.position_ne_m - predicted, H, R, R_one)
+        innovation = _informative(whole, eskf.P, cov_ne_m2, config.least_information)
+        if innovation is None:
+            return "the picture says nothing of the position"
+        if not _apply(eskf, innovation, config.max_innovation_sigmas):
             return "does not agree with the estimate"
         self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight, heading=not sliced)
         return None
@@ -343,28 +354,35 @@ class MapFixer:
         return None if fits else "does not agree with the estimate"
 
     def _noise(self, eskf: ErrorStateFilter, cov_ne_m2: Float, weight: float) -> Float:
-        """Covariance (2, 2) of a fix beside the map's displacement.
+        """Covariance (2, 2) of a fix beside the map's displacement, of which a ``weight`` counts.
 
         What neighbouring fixes have in common is a state as far as that is as large; the rest of what makes a fix
         uncertain (along a road, over a bare field) they share as well, so it is spread over those that do.
         """
         variances, axes = np.linalg.eigh(cov_ne_m2)
-        by_state = np.minimum(variances, eskf.map_bias_std_m**2 / (1.0 - self.config.white_share))
+        local_share = 1.0 - self.config.white_share - self.config.regional_share
+        by_state = np.minimum(variances, eskf.map_bias_std_m**2 / local_share)
         spread = self.config.white_share * by_state + (variances - by_state) / weight
         noise: Float = axes @ np.diag(spread) @ axes.T
         return noise
 
-    def _follow_map_bias(self, eskf: ErrorStateFilter, cov_ne_m2: Float) -> None:
-        """Let the map's local displacement be as large as its share of what pictures are uncertain by.
+    def _follow_map(self, eskf: ErrorStateFilter, cov_ne_m2: Float, footprint_m: float) -> None:
+        """Let the map's displacements be as large as their shares of what pictures are uncertain by.
 
-        Where pictures become worse it grows at once, and shrinks slowly where they become better.
+        Where pictures become worse the local one grows at once, and shrinks slowly where they become better. Pictures
+        err alike as far as they show the same ground.
         """
         config = self.config
-        best_m2 = (1.0 - config.white_share) * float(np.linalg.eigvalsh(cov_ne_m2)[0])
-        std_m = float(np.clip(np.sqrt(best_m2), config.min_map_bias_m, config.max_map_bias_m))
-        keep = config.map_bias_memory
-        smoothed_m = float(np.sqrt(keep * eskf.map_bias_std_m**2 + (1.0 - keep) * std_m**2))
-        eskf.map_bias_std_m = max(smoothed_m, std_m)
+        best_m2 = float(np.linalg.eigvalsh(cov_ne_m2)[0])
+        local_share = 1.0 - config.white_share - config.regional_share
+
+        def std_m(share: float, memory: float, before_m: float) -> tuple[float, float]:
+            now_m = float(np.clip(np.sqrt(share * best_m2), config.min_map_bias_m, config.max_map_bias_m))
+            return now_m, float(np.sqrt(memory * before_m**2 + (1.0 - memory) * now_m**2))
+
+        eskf.map_bias_std_m = max(std_m(local_share, config.map_bias_memory, eskf.map_bias_std_m))
+        eskf.map_region_std_m = std_m(config.regional_share, config.map_region_memory, eskf.map_region_std_m)[1]
+        eskf.see_map_over(max(config.local_share * footprint_m, 1.0))
 
     def _predicted_density(
         self, eskf: ErrorStateFilter, camera: CameraAttitude, match: Match, H: Float, predicted_ne_m: Float, t_us: int
@@ -408,12 +426,12 @@ class MapFixer:
         heading: bool = True,
     ) -> None:  # fmt: skip
         if heading and np.isfinite(match.heading_std_rad):
-            std = np.hypot(match.heading_std_rad, self.config.heading_floor_rad) / np.sqrt(weight)
-            _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, float(std)), what="fix_heading")
+            std = float(np.hypot(match.heading_std_rad, self.config.heading_floor_rad))
+            _apply(eskf, terrain_fix.heading(eskf, camera, match.heading_rad, std, weight), what="fix_heading")
         if np.isfinite(match.scale_std):
             height_m = float(match.centre_ned_m[2] - camera_pos_ned_m[2])
-            std = np.hypot(match.scale_std, self.config.scale_floor) / np.sqrt(weight)
-            _apply(eskf, terrain_fix.height(eskf, height_m, match.scale, float(std)), what="fix_height")
+            std = float(np.hypot(match.scale_std, self.config.scale_floor))
+            _apply(eskf, terrain_fix.height(eskf, height_m, match.scale, std, weight), what="fix_height")
 
     def _report(
         self, frame: FrameSample, started: float, reason: str | None, match: Match | None = None,
@@ -456,8 +474,21 @@ def _in_units(moments: Moments, units: Float) -> Moments:
     return Moments(units @ moments.mean_ne_m, units @ moments.cov_ne_m2 @ units)
 
 
+def _informative(innovation: Innovation, P: Float, cov: Float, least: float) -> Innovation | None:
+    """Along the axes of ``cov`` on which it tells at least a share ``least`` of what is known; None where on none.
+
+    On the others the search's reach bounds what is found, and not the picture.
+    """
+    variances, axes = np.linalg.eigh(cov)
+    D = axes.T[least * variances <= np.einsum("ik,ij,jk->k", axes, innovation.H @ P @ innovation.H.T, axes)]
+    if not len(D):
+        return None
+    R_one = None if innovation.R_one is None else D @ innovation.R_one @ D.T
+    return Innovation(D @ innovation.z, D @ innovation.H, D @ innovation.R @ D.T, R_one)
+
+
 def _apply(eskf: ErrorStateFilter, innovation: Innovation, gate_sigmas: float = 4.0, what: str = "fix") -> bool:
-    accepted, _ = eskf.update(innovation.z, innovation.H, innovation.R, gate_sigmas**2, what)
+    accepted, _ = eskf.update(innovation.z, innovation.H, innovation.R, gate_sigmas**2, what, innovation.R_one)
     return accepted
 
 

@@ -22,8 +22,8 @@ GATE_SIGMAS = 5.0
 def position(eskf: ErrorStateFilter, pos_ne_m: Float, cov_ne_m2: Float) -> Innovation:
     """Innovation of a place (2,) read off the reference imagery, which may itself be displaced."""
     nominal, place = eskf.nominal, np.eye(3)[:2]
-    z = pos_ne_m - nominal.motion.pos_ned_m[:2] - nominal.map_bias_ne_m - nominal.map_offset_ne_m
-    H = eskf.layout.jacobian(2, position=place, map_bias=np.eye(2), map_offset=np.eye(2))
+    z = pos_ne_m - nominal.motion.pos_ned_m[:2] - nominal.map_displacement_ne_m
+    H = eskf.layout.jacobian(2, position=place, map_bias=np.eye(2), map_region=np.eye(2), map_offset=np.eye(2))
     return Innovation(z, H, cov_ne_m2)
 
 

@@ -24,7 +24,7 @@ MIN_INFORMATION = 1e-9
 
 def apparent_pose(eskf: ErrorStateFilter, camera_pos_ned_m: Float) -> Float:
     """Camera position (3,) at which the map as it is would show the picture: displaced with it, above what is seen."""
-    north, east = eskf.nominal.map_bias_ne_m + eskf.nominal.map_offset_ne_m
+    north, east = eskf.nominal.map_displacement_ne_m
     pos: Float = camera_pos_ned_m + np.array([north, east, -eskf.nominal.ground_bias_m])
     return pos
 
@@ -36,6 +36,7 @@ def apparent_pose_jacobian(eskf: ErrorStateFilter, camera: CameraAttitude) -> Fl
         6,
         position=position,
         map_bias=position[:, :2],
+        map_region=position[:, :2],
         map_offset=position[:, :2],
         ground_bias=-position[:, [2, 2]],
         attitude=turn @ camera.by_attitude,
@@ -60,14 +61,21 @@ class PoseNoise:
     centre: float
     shape: float
 
+    def counted(self, information: Float) -> Float:
+        """An information matrix (6, 6) of displacement (2), height and rotation (3) as far as it counts."""
+        weight = np.diag([1.0 / self.centre] * 2 + [1.0 / self.shape] * 4)
+        counted: Float = weight @ information @ weight
+        return counted
+
 
 def pose(
-    refinement: Refinement, T: Float, centre_ned_m: Float, camera_pos_ned_m: Float, noise: PoseNoise
+    refinement: Refinement, T: Float, centre_ned_m: Float, camera_pos_ned_m: Float, noise: PoseNoise, own: PoseNoise
 ) -> Innovation | None:
     """Innovation of the camera's pose, along the directions in which the picture says anything; None if none.
 
-    ``T`` (6, n) is ``apparent_pose_jacobian``. The pose is written as displacement of the picture's middle (2), height
-    (1) and rotation (3): these are what the two kinds of noise belong to, while position and tilt share theirs.
+    ``T`` (6, n) is ``apparent_pose_jacobian``. ``own`` is the noise of one picture, ``noise`` what it counts by beside
+    its neighbours. The pose is written as displacement of the picture's middle (2), height (1) and rotation (3): these
+    are what the two kinds of noise belong to, while position and tilt share theirs.
     """
     height_m = float(centre_ned_m[2] - camera_pos_ned_m[2])
     Y = np.zeros((6, 6))
@@ -75,25 +83,31 @@ def pose(
     Y[2, 2] = 1.0 / height_m
     Y[3:, 3:] = np.eye(3)
     back = np.linalg.inv(Y)
-    weight = np.diag([1.0 / noise.centre] * 2 + [1.0 / noise.shape] * 4)
-    information = weight @ back.T @ refinement.information @ back @ weight
+    told = back.T @ refinement.information @ back
+    information = noise.counted(told)
     eigenvalues, axes = np.linalg.eigh(information)
     known = eigenvalues > max(MIN_INFORMATION * float(eigenvalues[-1]), 1.0)
     if not known.any():
         return None
-    directions = axes[:, known].T @ Y
-    return Innovation(directions @ refinement.best, directions @ T, np.diag(1.0 / eigenvalues[known]))
+    axes = axes[:, known]
+    directions = axes.T @ Y
+    R_one = np.linalg.inv(axes.T @ own.counted(told) @ axes)
+    return Innovation(directions @ refinement.best, directions @ T, np.diag(1.0 / eigenvalues[known]), R_one)
 
 
-def heading(eskf: ErrorStateFilter, camera: CameraAttitude, correction_rad: float, std_rad: float) -> Innovation:
-    """Innovation of the turn about the vertical that the best hypothesis applied."""
+def heading(
+    eskf: ErrorStateFilter, camera: CameraAttitude, correction_rad: float, std_rad: float, weight: float
+) -> Innovation:
+    """Innovation of the turn about the vertical that the best hypothesis applied, of which a ``weight`` counts."""
     H = eskf.layout.jacobian(1, attitude=camera.by_attitude[2:], boresight=camera.by_boresight[2:])
-    return Innovation(np.array([correction_rad]), H, np.array([[std_rad**2]]))
+    R_one = np.array([[std_rad**2]])
+    return Innovation(np.array([correction_rad]), H, R_one / weight, R_one)
 
 
-def height(eskf: ErrorStateFilter, height_m: float, scale: float, std: float) -> Innovation:
-    """Innovation of the height above what is seen, as a share of it."""
+def height(eskf: ErrorStateFilter, height_m: float, scale: float, std: float, weight: float) -> Innovation:
+    """Innovation of the height above what is seen, as a share of it; a ``weight`` of it counts."""
     H = eskf.layout.jacobian(
         1, position=np.array([[0.0, 0.0, -1.0 / height_m]]), ground_bias=np.array([[1.0, 1.0]]) / height_m
     )
-    return Innovation(np.array([scale]), H, np.array([[std**2]]))
+    R_one = np.array([[std**2]])
+    return Innovation(np.array([scale]), H, R_one / weight, R_one)

@@ -30,6 +30,7 @@ def nominal_state() -> Nominal:
         attitude_bias_rad=np.array([0.01, 0.005, -0.02]),
         ground_biases_m=np.array([0.8, -0.5]),
         map_bias_ne_m=np.array([0.3, -0.4]),
+        map_region_ne_m=np.array([-0.6, 0.9]),
         map_offset_ne_m=np.array([7.0, -2.0]),
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
         keyframe=Clone(np.array([14.0, -2.0, -88.0]), q_from_euler(0.0, -1.5, 0.8)),

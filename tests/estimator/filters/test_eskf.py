@@ -43,6 +43,7 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
             to.attitude_bias_rad - of.attitude_bias_rad,
             to.ground_biases_m - of.ground_biases_m,
             to.map_bias_ne_m - of.map_bias_ne_m,
+            to.map_region_ne_m - of.map_region_ne_m,
             to.map_offset_ne_m - of.map_offset_ne_m,
             to.clone.pos_ned_m - of.clone.pos_ned_m,
             _turn(to.clone.q_ned_from_camera, of.clone.q_ned_from_camera),
@@ -154,6 +155,27 @@ def test_attitude_correction_turns_about_the_ned_axes() -> None:
     yaw = np.arctan2(moved[1, 0], moved[0, 0]) - np.arctan2(before[1, 0], before[0, 0])
     assert yaw == pytest.approx(0.1, abs=1e-9)
     assert_allclose(moved[2], before[2], atol=1e-9)
+
+
+def test_an_innovation_is_tallied_and_gated_by_what_one_reading_errs_by() -> None:
+    """
+    Nine readings in a row say one thing: R is nine times the 1 m^2 that one errs by, beside a prior of 3 m^2.
+
+    Four metres are 16 / (3 + 1) of a normalised square. What the filter makes of them is by R: a gain of 3 / 12.
+    """
+    eskf = quiet_filter(np.eye(FULL.size) * 3.0)
+    H = FULL.jacobian(1, position=np.array([[1.0, 0.0, 0.0]]))
+    before = eskf.nominal.motion.pos_ned_m[0]
+
+    accepted, nis = eskf.update(np.array([4.0]), H, np.array([[9.0]]), 25.0, "fix", np.array([[1.0]]))
+
+    assert accepted
+    assert nis == pytest.approx(4.0)
+    assert eskf.innovations["fix"].nis_per_dof == pytest.approx(4.0)
+    assert eskf.nominal.motion.pos_ned_m[0] - before == pytest.approx(4.0 * 3.0 / 12.0)
+    refused = quiet_filter(np.eye(FULL.size) * 3.0)
+    assert not refused.update(np.array([12.0]), H, np.array([[9.0]]), 25.0, "fix", np.array([[1.0]]))[0]
+    assert_allclose(refused.P, np.eye(FULL.size) * 3.0)
 
 
 def test_accepted_innovations_are_tallied_by_what_was_measured() -> None:
@@ -285,110 +307,6 @@ def test_attitude_driven_prediction_moves_by_velocity_and_takes_the_attitude() -
     assert eskf.cov("velocity")[0, 0] == pytest.approx(1.0 + 4.0 * 2.0)
     assert eskf.cov("position")[0, 0] == pytest.approx(4.0 + 4.0 * 8.0 / 3.0, rel=0.06)
     assert eskf.cov("attitude")[2, 2] == pytest.approx(0.03**2 * (1.0 - np.exp(-2.0 * 2.0 / 60.0)), rel=1e-6)
-
-
-def _advance(eskf: ErrorStateFilter, model: str, dt_s: float) -> None:
-    if model == "inertial":
-        eskf.predict_inertial(np.zeros(3), np.array([0.0, 0.0, -EARTH.gravity_m_s2]), dt_s)
-    else:
-        eskf.predict_attitude_driven(np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), 60.0, dt_s)
-
-
-def _cruising(vel_ned_m_s: tuple[float, float, float], ground_m2: float, map_m2: float) -> ErrorStateFilter:
-    """Level flight with a ground bias of 2 and -1 m, a map bias of 0.6 and -0.8 m, and their variances."""
-    P = np.diag(np.full(FULL.size, 1e-12))
-    P[FULL.slices["ground_bias"], FULL.slices["ground_bias"]] = np.eye(2) * ground_m2
-    P[FULL.slices["map_bias"], FULL.slices["map_bias"]] = np.eye(2) * map_m2
-    motion = Motion(np.array([0.0, 0.0, -100.0]), np.array(vel_ned_m_s), np.array([1.0, 0.0, 0.0, 0.0]))
-    nominal = replace(
-        nominal_state(),
-        motion=motion,
-        accelerometer_bias_m_s2=np.zeros(3),
-        gyroscope_bias_rad_s=np.zeros(3),
-        ground_biases_m=np.array([2.0, -1.0]),
-        map_bias_ne_m=np.array([0.6, -0.8]),
-    )
-    noise = ProcessNoise(
-        ground_bias_std_m=(3.0, 1.5), ground_bias_length_m=(40.0, 1000.0), map_bias_length_m=80.0
-    )  # fmt: skip
-    eskf = ErrorStateFilter(nominal, P, FULL, EARTH, noise)
-    eskf.map_bias_std_m = 0.7
-    return eskf
-
-
-@pytest.mark.parametrize("model", ["inertial", "attitude"])
-def test_ground_and_map_bias_fade_with_the_distance_flown(model: str) -> None:
-    """Twenty metres over the ground at 3-4-5 speed: exp(-20/40), exp(-20/1000) and exp(-20/80) are left."""
-    eskf = _cruising((3.0, 4.0, 0.0), 0.0, 0.0)
-
-    for _ in range(80):
-        _advance(eskf, model, 0.05)
-
-    # the speed itself drifts by a few centimetres per second as the Earth turns below the inertial prediction
-    assert_allclose(eskf.nominal.ground_biases_m, [2.0 * np.exp(-0.5), -np.exp(-0.02)], rtol=1e-3)
-    assert eskf.nominal.ground_bias_m == pytest.approx(float(eskf.nominal.ground_biases_m.sum()))
-    assert_allclose(eskf.nominal.map_bias_ne_m, np.array([0.6, -0.8]) * np.exp(-0.25), rtol=1e-3)
-    # what was known exactly becomes unknown by as much: sigma^2 (1 - exp(-2 d / L))
-    assert_allclose(
-        np.diag(eskf.cov("ground_bias")), [9.0 * (1.0 - np.exp(-1.0)), 2.25 * (1.0 - np.exp(-0.04))], rtol=2e-3
-    )
-    assert_allclose(np.diag(eskf.cov("map_bias")), 0.49 * (1.0 - np.exp(-0.5)), rtol=2e-3)
-
-
-@pytest.mark.parametrize("model", ["inertial", "attitude"])
-@pytest.mark.parametrize("dt_s", [0.02, 0.1])
-def test_ground_and_map_bias_keep_their_stationary_variance(model: str, dt_s: float) -> None:
-    """Started with their own variance, or from any other after many lengths, whatever the step."""
-    at_rest = _cruising((18.0, 0.0, -1.0), 9.0, 0.49)
-    elsewhere = _cruising((18.0, 0.0, -1.0), 100.0, 25.0)
-
-    for _ in range(int(40.0 / dt_s)):
-        _advance(at_rest, model, dt_s)
-        _advance(elsewhere, model, dt_s)
-
-    assert at_rest.cov("ground_bias")[0, 0] == pytest.approx(9.0, rel=1e-6)
-    assert_allclose(at_rest.cov("map_bias"), np.eye(2) * 0.49, atol=1e-6)
-    # 720 m are 18 and 9 lengths: exp(-18) of the excess is left
-    assert elsewhere.cov("ground_bias")[0, 0] == pytest.approx(9.0, rel=1e-4)
-    assert_allclose(np.diag(elsewhere.cov("map_bias")), 0.49, rtol=1e-4)
-    # the long one is still on its way from 100 to 2.25: exp(-2 x 0.72) of the difference
-    assert elsewhere.cov("ground_bias")[1, 1] == pytest.approx(2.25 + 97.75 * np.exp(-1.44), rel=1e-3)
-
-
-@pytest.mark.parametrize("vertical_m_s", [0.0, -3.0])
-def test_ground_and_map_bias_stay_in_a_hover(vertical_m_s: float) -> None:
-    """Ten minutes in one place, or climbing above it: the ground below is the same, and so is what is known of it."""
-    eskf = _cruising((0.0, 0.0, vertical_m_s), 0.04, 0.01)
-
-    for _ in range(6000):
-        _advance(eskf, "attitude", 0.1)
-
-    assert_allclose(eskf.nominal.ground_biases_m, [2.0, -1.0])
-    assert_allclose(eskf.nominal.map_bias_ne_m, [0.6, -0.8])
-    assert_allclose(eskf.cov("ground_bias"), np.eye(2) * 0.04)
-    assert_allclose(eskf.cov("map_bias"), np.eye(2) * 0.01)
-
-
-def test_what_is_learnt_of_position_through_the_map_fades_with_its_bias() -> None:
-    """
-    A perfect fix leaves position and map bias correlated; flown on, the correlation fades, the position's own stays.
-
-    Prior variances 4 and 0.49: after the fix both are 4 x 0.49 / 4.49, fully anticorrelated.
-    """
-    eskf = _cruising((10.0, 0.0, 0.0), 0.0, 0.49)
-    eskf.inflate("position", 4.0)
-    H = FULL.jacobian(2, position=np.eye(3)[:2], map_bias=np.eye(2))
-    eskf.update(np.zeros(2), H, np.eye(2) * 1e-8)
-    left = 4.0 * 0.49 / 4.49
-    assert eskf.cov("position")[0, 0] == pytest.approx(left, rel=1e-3)
-    assert eskf.cov("position", "map_bias")[0, 0] == pytest.approx(-left, rel=1e-3)
-
-    for _ in range(80):
-        eskf.predict_inertial(np.zeros(3), np.array([0.0, 0.0, -EARTH.gravity_m_s2]), 0.1)
-
-    assert eskf.cov("position", "map_bias")[0, 0] == pytest.approx(-left * np.exp(-1.0), rel=0.01)
-    assert eskf.cov("map_bias")[0, 0] == pytest.approx(0.49 + (left - 0.49) * np.exp(-2.0), rel=0.01)
-    assert eskf.cov("position")[0, 0] >= left
 
 
 def test_layout_drops_absent_groups_and_names_unknown_ones() -> None:

@@ -15,11 +15,14 @@ FIX = np.array([33.0, -14.0, -88.0])
 
 
 def test_position_jacobian_agrees_with_finite_differences() -> None:
-    innovation = position(general_filter(), FIX, 1.5, 3.0)
+    std_m, alike = np.array([1.5, 1.5, 3.0]), np.array([10.0, 10.0, 0.5])
+    innovation = position(general_filter(), FIX, std_m, alike)
 
-    assert_allclose(innovation.H, -numeric_jacobian(lambda eskf: position(eskf, FIX, 1.5, 3.0).z), atol=1e-6)
+    assert_allclose(innovation.H, -numeric_jacobian(lambda eskf: position(eskf, FIX, std_m, alike).z), atol=1e-6)
     assert_allclose(innovation.z, [3.0, -2.0, 2.0])
-    assert_allclose(np.diag(innovation.R), [2.25, 2.25, 9.0])
+    assert innovation.R_one is not None
+    assert_allclose(np.diag(innovation.R_one), [2.25, 2.25, 9.0])
+    assert_allclose(np.diag(innovation.R), [22.5, 22.5, 9.0])
 
 
 def test_velocity_jacobian_agrees_with_finite_differences() -> None:

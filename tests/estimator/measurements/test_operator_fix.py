@@ -15,7 +15,9 @@ from tests.estimator.test_navigator import FRAME, SPEED, _fly, _navigator, _t_us
 def test_the_jacobian_is_that_of_the_place_by_the_imagery() -> None:
     def reads(eskf: object) -> np.ndarray:
         nominal = eskf.nominal  # type: ignore[attr-defined]
-        return np.asarray(nominal.motion.pos_ned_m[:2] + nominal.map_bias_ne_m + nominal.map_offset_ne_m)
+        return np.asarray(
+            nominal.motion.pos_ned_m[:2] + nominal.map_bias_ne_m + nominal.map_region_ne_m + nominal.map_offset_ne_m
+        )
 
     measured = operator_fix.position(general_filter(), np.array([40.0, -10.0]), np.eye(2))
 

@@ -47,7 +47,10 @@ def test_map_bias_and_ground_bias_displace_the_apparent_pose() -> None:
     On the map the camera then stands 3 m north and 2 m west of itself, and 1.5 m higher.
     """
     eskf = general_filter()
-    biased = replace(eskf.nominal, map_bias_ne_m=np.array([3.0, -2.0]), ground_biases_m=np.array([2.0, -0.5]))
+    biased = replace(
+        eskf.nominal, map_bias_ne_m=np.array([2.5, -3.0]), map_region_ne_m=np.array([0.5, 1.0]),
+        ground_biases_m=np.array([2.0, -0.5]),
+    )  # fmt: skip
     eskf.nominal = biased
 
     assert_allclose(_apparent(eskf) - eskf.nominal.motion.pos_ned_m, [3.0, -2.0, -1.5])
@@ -64,7 +67,7 @@ def test_apparent_pose_jacobian_agrees_with_finite_differences() -> None:
     T = apparent_pose_jacobian(eskf, _camera(eskf))
 
     assert_allclose(T, numeric_jacobian(pose_of), atol=1e-6)
-    for group in ("position", "attitude", "boresight", "map_bias", "ground_bias"):
+    for group in ("position", "attitude", "boresight", "map_bias", "map_region", "ground_bias"):
         assert T[:, LAYOUT.slices[group]].any(), group
 
 
@@ -78,23 +81,24 @@ def test_seen_point_agrees_with_finite_differences(ray_camera: tuple[float, floa
 
     # a hundred metres times a step of 1e-5 squared: truncation far below a millimetre per radian
     assert_allclose(H, numeric_jacobian(lambda other: _seen(other, ray)[:2]), rtol=1e-5, atol=1e-4)
-    assert_allclose(H[:, LAYOUT.slices["map_bias"]], np.eye(2), atol=1e-12)
+    for group in ("map_bias", "map_region"):
+        assert_allclose(H[:, LAYOUT.slices[group]], np.eye(2), atol=1e-12)
 
 
 def test_heading_is_the_cameras_turn_about_the_vertical() -> None:
     eskf = general_filter()
-    innovation = heading(eskf, _camera(eskf), 0.02, 0.005)
+    innovation = heading(eskf, _camera(eskf), 0.02, 0.005, 0.25)
 
     assert_allclose(innovation.z, [0.02])
     assert_allclose(innovation.H[:, eskf.layout.slices["attitude"]], [[0.0, 0.0, 1.0]], atol=1e-12)
     eskf.update(innovation.z, innovation.H, innovation.R)
-    assert heading(eskf, _camera(eskf), 0.0, 0.005).H.any()
+    assert heading(eskf, _camera(eskf), 0.0, 0.005, 1.0).H.any()
 
 
 def test_larger_scale_means_higher_above_what_is_seen() -> None:
     """Two per cent of 100 m are two metres, shared by position and the two ground biases as they are uncertain."""
     eskf = general_filter()
-    innovation = height(eskf, 100.0, 0.02, 1e-6)
+    innovation = height(eskf, 100.0, 0.02, 1e-6, 1.0)
 
     eskf.update(innovation.z, innovation.H, innovation.R)
 
@@ -142,7 +146,7 @@ def test_sharp_refinement_takes_the_filter_to_the_true_pose() -> None:
 
     innovation = pose(
         _refinement(error, _informed(std)), apparent_pose_jacobian(eskf, _camera(eskf)), _centre(eskf),
-        _apparent(eskf), PLAIN,
+        _apparent(eskf), PLAIN, PLAIN,
     )  # fmt: skip
     assert innovation is not None
     eskf.update(innovation.z, innovation.H, innovation.R)
@@ -164,7 +168,7 @@ def test_update_is_that_of_the_information_filter(seed: int) -> None:
     information = _informed(np.array([0.5, 0.8, 1.5, 0.01, 0.02, 0.015]), seed)
     T = apparent_pose_jacobian(eskf, _camera(eskf))
 
-    innovation = pose(_refinement(best, information), T, _centre(eskf), _apparent(eskf), PLAIN)
+    innovation = pose(_refinement(best, information), T, _centre(eskf), _apparent(eskf), PLAIN, PLAIN)
 
     assert innovation is not None
     posterior_information = np.linalg.inv(eskf.P) + T.T @ information @ T
@@ -185,7 +189,7 @@ def test_direction_that_the_picture_does_not_tell_is_left_alone() -> None:
 
     innovation = pose(
         _refinement(np.array([2.0, 50.0, 0.0, 0.0, 0.0, 0.0]), along), apparent_pose_jacobian(eskf, _camera(eskf)),
-        _centre(eskf), _apparent(eskf), PLAIN,
+        _centre(eskf), _apparent(eskf), PLAIN, PLAIN,
     )  # fmt: skip
 
     assert innovation is not None
@@ -201,7 +205,7 @@ def test_picture_without_information_gives_no_innovation() -> None:
 
     innovation = pose(
         _refinement(np.ones(6), np.zeros((6, 6))), apparent_pose_jacobian(eskf, _camera(eskf)), _centre(eskf),
-        _apparent(eskf), PLAIN,
+        _apparent(eskf), PLAIN, PLAIN,
     )  # fmt: skip
 
     assert innovation is None
@@ -221,7 +225,9 @@ def test_noise_factors_belong_to_where_the_middle_lies_and_to_the_shape() -> Non
     parts[2:, 2:] = np.eye(4)
     T = np.eye(6)
 
-    innovation = pose(_refinement(np.zeros(6), information), T, centre, apparent, PoseNoise(4.0, 2.0))
+    innovation = pose(
+        _refinement(np.zeros(6), information), T, centre, apparent, PoseNoise(4.0, 2.0), PoseNoise(4.0, 0.5)
+    )
 
     assert innovation is not None
     assert len(innovation.z) == 6
@@ -229,6 +235,11 @@ def test_noise_factors_belong_to_where_the_middle_lies_and_to_the_shape() -> Non
     factors = np.diag([4.0, 4.0, 2.0, 2.0, 2.0, 2.0])
     expected = factors @ parts @ np.linalg.inv(information) @ parts.T @ factors
     assert_allclose(back @ innovation.R @ back.T, expected, rtol=1e-6, atol=1e-9)
+    own = np.diag([4.0, 4.0, 0.5, 0.5, 0.5, 0.5])
+    assert innovation.R_one is not None
+    assert_allclose(
+        back @ innovation.R_one @ back.T, own @ parts @ np.linalg.inv(information) @ parts.T @ own, rtol=1e-6, atol=1e-9
+    )
 
 
 def test_map_bias_keeps_a_perfect_picture_from_certainty() -> None:
@@ -240,7 +251,7 @@ def test_map_bias_keeps_a_perfect_picture_from_certainty() -> None:
     for _ in range(50):
         innovation = pose(
             _refinement(np.zeros(6), sharp), apparent_pose_jacobian(eskf, _camera(eskf)), _centre(eskf),
-            _apparent(eskf), PLAIN,
+            _apparent(eskf), PLAIN, PLAIN,
         )  # fmt: skip
         assert innovation is not None
         eskf.update(innovation.z, innovation.H, innovation.R)
@@ -261,7 +272,7 @@ def test_pose_is_refined_about_the_rotation_of_the_camera() -> None:
 
     innovation = pose(
         _refinement(np.concatenate((np.zeros(3), turn)), sharp), apparent_pose_jacobian(eskf, _camera(eskf)),
-        _centre(eskf), _apparent(eskf), PLAIN,
+        _centre(eskf), _apparent(eskf), PLAIN, PLAIN,
     )  # fmt: skip
     assert innovation is not None
     eskf.update(innovation.z, innovation.H, innovation.R)
