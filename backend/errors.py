@@ -12,6 +12,7 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
   NoGroundError         the ray of a click meets no ground
+  CannotFollowTargetError  what a click shows cannot be followed
   AlignmentRefusedError an operator's alignment of a frame that cannot be meant
   NoEvidenceError       nothing proves the coordinate that the target has
   BundleError           evidence that cannot be read or believed
@@ -121,6 +122,14 @@ class NoGroundError(StationError):
         super().__init__(f"pixel ({u_px:.1f}, {v_px:.1f}) shows no known ground: {reason}")
 
 
+class CannotFollowTargetError(StationError):
+    """What a click shows, or a target is, cannot be followed."""
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
+        super().__init__(f"this cannot be followed: {reason}")
+
+
 class AlignmentRefusedError(StationError):
     """An operator's alignment of a frame that cannot be meant, or comes too late."""
 
@@ -192,6 +201,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    CannotFollowTargetError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AlignmentRefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
     NoEvidenceError: HTTPStatus.NOT_FOUND,
     TargetNotKeptError: HTTPStatus.INSUFFICIENT_STORAGE,

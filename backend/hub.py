@@ -15,8 +15,8 @@ import orjson
 
 from backend.clock import unix_us
 
-# Of these only the latest of each vehicle or source matters to a slow reader.
-COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting"})
+# Of these only the latest of each vehicle, source or target matters to a slow reader.
+COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting", "sighting"})
 MAILBOX_MESSAGES = 2000
 MAILBOX_BYTES = 4_000_000
 
@@ -94,6 +94,7 @@ class Hub:
         # An operator's fix is an answer that somebody waits for; matches come several times a second.
         if kind in COALESCED and fields.get("kind") != "operator":
             key = f"{kind}/{fields.get('vehicle_id', '')}/{fields.get('source', '')}/{fields.get('accepted', '')}"
+            key += f"/{fields.get('target_id', '')}"
         return Message(text, key)
 
     def publish(self, kind: str, /, **fields: Any) -> None:

@@ -40,6 +40,19 @@ class Metrics:
             ["vehicle"],
             registry=self.registry,
         )
+        self.following = Histogram(
+            "pilotage_following_seconds",
+            "Processor time of looking for a followed target in a picture",
+            ["vehicle"],
+            buckets=_SECONDS,
+            registry=self.registry,
+        )
+        self.following_dropped = Gauge(
+            "pilotage_following_frames_dropped",
+            "Frames in which followed targets were not looked for, because too many waited",
+            ["vehicle"],
+            registry=self.registry,
+        )
         self.navigator_failures = Gauge(
             "pilotage_navigator_failures",
             "Times the estimator had to be started anew",

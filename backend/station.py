@@ -39,6 +39,7 @@ from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
 from backend.fleet.vehicle import LiveVehicle, VehicleView
 from backend.flights import FlightShelf
+from backend.following.service import Following
 from backend.hub import Hub
 from backend.mapping import StationMaps
 from backend.metrics import Metrics
@@ -52,7 +53,7 @@ from backend.schemas.vehicles import CommandBody, MapBody, ReplayBody
 from backend.settings import Settings
 from backend.store.database import Database
 from backend.store.lock import DataDirLock
-from backend.store.targets import Target, TargetChange, TargetStore
+from backend.store.targets import SEEN, Target, TargetChange, TargetStore
 from backend.ticker import Ticker
 from estimator.types import FixReport, FrameSample
 from geodata.errors import GeodataError
@@ -84,6 +85,10 @@ class Station:
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
         self.cot = CotSender(settings.cot, self._all_targets, self.metrics)
+        self.following = Following(
+            lambda: self.targets, self.vehicle, lambda: self.camera, self.hub, self.recorder, self.metrics,
+            self._tell_changed,
+        )  # fmt: skip
         self.links: list[LinkEndpoint] = []
         self.camera: LiveCamera | None = None
         self.profile: CameraProfile | None = None
@@ -121,6 +126,7 @@ class Station:
             self._targets = await TargetStore.load(self._database)
             self._target_names = len(self._targets.all())
             await self.evidence.tidy([target.id for target in self._targets.all()])
+            await self.following.start()
             await self.maps.choose(self.settings.map)
             self.links = [
                 LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
@@ -152,6 +158,8 @@ class Station:
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        if self._targets is not None:
+            await self.following.close()
         await self.replays.close()
         await self.cot.close()
         for link in self.links:
@@ -275,10 +283,14 @@ class Station:
             vehicle = self.vehicle(body.vehicle_id)
             sighting = await clicked_target(body, vehicle, self.frame_of(vehicle, body.frame_id))
             target = sighting.target
-            await self.evidence.keep(sighting, self.feed(vehicle.video_source or ""))
-        self._target_names += 1
-        target = replace(target, name=target.name or f"Target {self._target_names}")
-        await self._keep_row(target)
+        async with self.following.starting(target.id, sighting, bool(body.track)) as begin:
+            if sighting is not None:
+                await self.evidence.keep(sighting, self.feed(vehicle.video_source or ""))
+            self._target_names += 1
+            name = target.name or f"Target {self._target_names}"
+            target = replace(target, name=name, track_status=SEEN if body.track else None)
+            await self._keep_row(target)
+            begin()
         self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
         if sighting is not None and target.vehicle_id in self.fleet.vehicles:
             self.recorder.click(ClickRow(sighting.frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
@@ -295,11 +307,17 @@ class Station:
         await self.evidence.confirm(target.id)
 
     async def change_target(self, target_id: str, change: TargetChange, version: int | None) -> Target:
-        """Change a target and tell everybody."""
+        """Change a target and tell everybody. One that is moved is followed no longer."""
+        if change.position_deg is not None and self.targets.expected(target_id, version).followed:
+            await self.following.stop(target_id, "moved by hand")
+            version = None
         target = await self.targets.change(target_id, change, version, unix_us())
+        self._tell_changed(target)
+        return target
+
+    def _tell_changed(self, target: Target) -> None:
         self.cot.changed(target)
         self.hub.publish("target", action="updated", target=feature_of_target(target).model_dump())
-        return target
 
     async def delete_target(self, target_id: str, version: int | None) -> None:
         """Remove a target and tell everybody."""
@@ -311,6 +329,7 @@ class Station:
             except BaseException:
                 await self.evidence.not_deleted(target_id)
                 raise
+            self.following.drop(target_id)
             await self.evidence.deleted(target_id)
         self.cot.deleted(gone)
         self.hub.publish("target", action="deleted", target=target_id)

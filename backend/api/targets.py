@@ -20,11 +20,13 @@ from backend.schemas.geometry import (
     TargetCollection,
     TargetFeature,
     TargetPatch,
+    TrackCollection,
     collection_of_targets,
+    collection_of_tracks,
     feature_of_target,
 )
 from backend.station import Station
-from backend.store.targets import Target, TargetChange
+from backend.store.targets import FOLLOWED, Target, TargetChange
 
 router = APIRouter(prefix="/api/v1/targets", tags=["targets"])
 
@@ -108,21 +110,39 @@ async def get_picture(
     target_id: str, station: TheStation, size_px: Annotated[int, Query(ge=16, le=512)] = 128
 ) -> Response:
     """What was clicked: a square of the video about the pixel, as JPEG. 404 where no picture was kept."""
-    bundle = await station.evidence.bundle(station.targets.get(target_id), None)
+    target = station.targets.get(target_id)
+    bundle = await station.evidence.bundle(target, station.evidence.click_version(target))
     content = await asyncio.to_thread(cutout, bundle, size_px)
     return Response(content, media_type="image/jpeg", headers={"Cache-Control": "private, max-age=3600"})
+
+
+@router.get("/{target_id}/track")
+async def get_track(target_id: str, station: TheStation) -> TrackCollection:
+    """Where a target that is followed was seen, since that began; empty for one that is not, or before the start."""
+    target = station.targets.get(target_id)
+    return collection_of_tracks(station.following.track(target_id), FOLLOWED, target.vehicle_id or "")
 
 
 @router.patch("/{target_id}")
 async def change_target(
     target_id: str, body: TargetPatch, station: TheStation, response: Response, if_match: IfMatch = None
 ) -> TargetFeature:
-    """Rename or move a target. The evidence of a click stays, but does not prove where it was moved to."""
+    """Rename or move a target, follow it from its picture on (``track``), or follow it no longer.
+
+    The evidence of a click stays, but does not prove where the target was moved or followed to.
+    """
     if (body.lat_deg is None) != (body.lon_deg is None):
         raise InvalidRequestError("a new position needs both lat_deg and lon_deg")
     position = None if body.lat_deg is None or body.lon_deg is None else (body.lat_deg, body.lon_deg)
+    version = _version(if_match)
     change = TargetChange(body.name, position, body.alt_amsl_m)
-    target = await station.change_target(target_id, change, _version(if_match))
+    if body.track is not None:
+        if position is not None:
+            raise InvalidRequestError("a target is either moved or followed, not both at once")
+        target = await station.following.change(target_id, body.track, version)
+        version = None
+    if body.track is None or change != TargetChange():
+        target = await station.change_target(target_id, change, version)
     response.headers["ETag"] = _etag(target)
     return feature_of_target(target)
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Query
 from backend.api.access import the_station
 from backend.errors import NoStateYetError
 from backend.fleet.vehicle import TrackSource, VehicleView
-from backend.schemas.geometry import TrackCollection, TrackFeature, TrackGeometry, TrackProperties
+from backend.schemas.geometry import TrackCollection, TrackFeature, collection_of_tracks
 from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, StateBody, VehicleBody
 from backend.station import Station
 
@@ -66,13 +66,4 @@ async def send_command(vehicle_id: str, body: CommandBody, station: TheStation) 
 def _pieces(vehicle: VehicleView, source: str, since_us: int) -> list[TrackFeature]:
     # There is one estimate; what it is made of, the mode says.
     ring = vehicle.tracks["vision" if source == "fused" else source]
-    return [
-        TrackFeature(
-            geometry=TrackGeometry(coordinates=[[p.lon_deg, p.lat_deg, p.alt_amsl_m] for p in piece]),
-            properties=TrackProperties(
-                source=source, vehicle_id=vehicle.id, epoch=piece[0].epoch, times_unix_us=[p.t_us for p in piece]
-            ),
-        )
-        for piece in ring.pieces(since_us)
-        if len(piece) > 1  # RFC 7946: a LineString has two positions or more
-    ]
+    return collection_of_tracks(ring.pieces(since_us), source, vehicle.id).features

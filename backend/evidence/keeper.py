@@ -23,10 +23,11 @@ from backend.evidence.schema import FileUsedPart, document_of
 from backend.fleet.feed import VideoFeed
 from backend.mapping import StationMaps
 from backend.navigation.setup import FileUsed, NavigationSetup
-from backend.store.targets import Target
+from backend.store.targets import FOLLOWED, Target
 from geodata.flight_write import write_atomically
 
 KEPT, NEW, DELETING = ".zip", ".new", ".deleting"
+FIRST_VERSION = 1  # of the click, which is located before anything else happens to a target
 _log = structlog.get_logger(__name__)
 
 
@@ -112,6 +113,11 @@ class EvidenceKeeper:
             )
         return Bundle(bundle.evidence, bundle.document, bundle.picture, moved)
 
+    @staticmethod
+    def click_version(target: Target) -> int | None:
+        """The version that a target's click had, where following has moved it since; None for others."""
+        return FIRST_VERSION if target.method == FOLLOWED else None
+
     async def tidy(self, target_ids: Collection[str]) -> None:
         """At the start: finish what a crash cut off; ``target_ids`` are those that have a row."""
         try:
@@ -195,10 +201,10 @@ def _moved(target: Target, bundle: Bundle) -> str | None:
     proven = (result.lat_deg, result.lon_deg, result.alt_amsl_m, result.method)
     if (target.lat_deg, target.lon_deg, target.alt_amsl_m, target.method) == proven:
         return None
-    return (
-        f"it was moved by hand after version {bundle.evidence.target.version} (it has version {target.version} now), "
-        "and nothing proves where it was moved to"
-    )
+    since = f"version {bundle.evidence.target.version} (it has version {target.version} now)"
+    if target.method == FOLLOWED:
+        return f"it was followed after {since}, and the evidence of the click does not prove where it was seen later"
+    return f"it was moved by hand after {since}, and nothing proves where it was moved to"
 
 
 def _sync_folder(folder: Path) -> None:

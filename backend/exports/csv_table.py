@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from backend.coordinates import mgrs_of
 from backend.exports.text import clean, decimal, iso_utc, position_unix_us
-from backend.schemas.geometry import TargetProperties, feature_of_target
+from backend.schemas.geometry import TargetProperties, TrackBody, feature_of_target
 from backend.store.targets import Target
 from estimator.evaluate import CHI2_95_2DOF
 
@@ -17,7 +17,9 @@ COLUMNS = (
     "id", "name", "lat_deg", "lon_deg", "alt_amsl_m", "time_utc", "dms", "mgrs", "utm", "method",
     "std_n_m", "std_e_m", "std_d_m", "cov_ne_m2", "ce90_m",
     "ellipse95_semi_major_m", "ellipse95_semi_minor_m", "ellipse95_azimuth_deg",
-    "vehicle_id", "frame_id", "u_px", "v_px", "created_utc", "updated_utc", "version",
+    "vehicle_id", "frame_id", "u_px", "v_px",
+    "track", "moving", "speed_m_s", "course_deg", "vel_n_m_s", "vel_e_m_s", "std_vel_n_m_s", "std_vel_e_m_s",
+    "created_utc", "updated_utc", "version",
 )  # fmt: skip
 # What a spreadsheet takes for the beginning of a formula, full-width forms included.
 _FORMULA_SIGNS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
@@ -53,8 +55,20 @@ def _row(target: Target) -> dict[str, str]:
         "ellipse95_azimuth_deg": "" if ellipse is None else decimal(ellipse.azimuth_deg, 1),
         "vehicle_id": _text(about.vehicle_id or ""), "frame_id": "" if about.frame_id is None else str(about.frame_id),
         "u_px": _number(about.u_px, 2), "v_px": _number(about.v_px, 2),
+        **_track(about.track),
         "created_utc": iso_utc(about.created_unix_us), "updated_utc": iso_utc(about.updated_unix_us),
         "version": str(about.version),
+    }  # fmt: skip
+
+
+def _track(track: TrackBody | None) -> dict[str, str]:
+    if track is None:
+        return {}
+    return {
+        "track": track.status, "moving": "" if track.moving is None else str(track.moving).lower(),
+        "speed_m_s": _number(track.speed_m_s, 2), "course_deg": _number(track.course_deg, 1),
+        "vel_n_m_s": _number(track.vel_n_m_s, 2), "vel_e_m_s": _number(track.vel_e_m_s, 2),
+        "std_vel_n_m_s": _number(track.std_vel_n_m_s, 2), "std_vel_e_m_s": _number(track.std_vel_e_m_s, 2),
     }  # fmt: skip
 
 

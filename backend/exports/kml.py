@@ -102,6 +102,10 @@ def _add_data(place: Element, target_id: str, about: TargetProperties) -> None:
         "mgrs": about.mgrs,
         "vehicle_id": about.vehicle_id,
     }
+    if about.track is not None:
+        values["track"] = about.track.status
+        values["speed_m_s"] = _number(about.track.speed_m_s)
+        values["course_deg"] = _number(about.track.course_deg)
     for name, value in values.items():
         if value is not None:
             add(add(data, "Data", name=name), "value", value)

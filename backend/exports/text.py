@@ -6,7 +6,7 @@ import re
 from datetime import UTC, datetime, timedelta
 from xml.etree.ElementTree import Element, SubElement
 
-from backend.schemas.geometry import TargetProperties
+from backend.schemas.geometry import TargetProperties, TrackBody
 
 # XML 1.0, production 2: no other control characters, no surrogates, no U+FFFE and U+FFFF, not even escaped.
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -45,10 +45,20 @@ def add(parent: Element, tag: str, text: str | None = None, **attributes: str) -
 
 
 def position_unix_us(about: TargetProperties) -> int:
-    """The time a position is of: the clicked frame's exposure; by hand, when the target was last touched."""
+    """The time a position is of: the exposure of the clicked frame, or of the last sighting of one that was followed;
+    by hand, when the target was last touched."""
+    if about.track is not None and about.track.seen_unix_us is not None:
+        return about.track.seen_unix_us
     if about.t_unix_us is not None and about.method != "manual":
         return about.t_unix_us
     return about.updated_unix_us
+
+
+def motion_in_words(track: TrackBody) -> str:
+    """Whether a followed target stands, or how it moves."""
+    if track.speed_m_s is None or track.course_deg is None:
+        return "standing"
+    return f"moving {decimal(track.speed_m_s, 1)} m/s, course {decimal(track.course_deg, 0)} degrees"
 
 
 def in_words(about: TargetProperties) -> str:
@@ -63,6 +73,8 @@ def in_words(about: TargetProperties) -> str:
         if about.std_d_m is not None:
             height += f" (1 sigma {decimal(about.std_d_m, 1)} m)"
         parts.append(height)
+    if about.track is not None and about.track.moving is not None:
+        parts.append(motion_in_words(about.track))
     verb = "entered" if about.method == "manual" else "seen"
     parts.append(f"{verb} {iso_utc(position_unix_us(about))}")
     return ", ".join(parts)

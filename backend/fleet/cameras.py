@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from backend.fleet.viewers import Audience
 from backend.metrics import Metrics
 from backend.navigation.setup import CameraProfile
 from backend.recorder.recorder import Recorder
+from backend.video.catch_up import pictures_after
 from backend.video.channel import VideoChannel
 from backend.video.errors import FrameNotFoundError, UndecodableFrameError, VideoSourceError
 from backend.video.frames import DecodedFrame, EncodedFrame, VideoHealth, VideoStatus
@@ -26,6 +28,24 @@ from geodata.flight_meta import CameraMeta
 ASPECT_TOLERANCE = 0.01
 LONGEST_REVISION_US = 5_000_000
 FIRST_VEHICLE = "1"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ColourPicture:
+    """A frame of the video and its picture (rows, columns, 3) BGR at the size that the camera is calibrated for."""
+
+    frame: FrameIdentity
+    image: Image
+
+
+class PictureWatcher(Protocol):
+    """Looks at pictures in colour. Called in the decoder's thread, and must not wait."""
+
+    def wants(self, t_us: int) -> bool:
+        """Whether the picture of a time (of its frame) is worth decoding in colour."""
+
+    def offer(self, picture: ColourPicture) -> None:
+        """Take a picture."""
 
 
 class LiveCamera:
@@ -42,6 +62,7 @@ class LiveCamera:
         self.audience = Audience()
         self.jpeg_audience = Audience()
         self.size_problem: str | None = None
+        self.watcher: PictureWatcher | None = None
         self.size_px: tuple[int, int] | None = None
         self._calibrated: CameraMeta | None = None if profile is None else profile.camera
         named = None if profile is None or profile.vehicle is None else profile.vehicle.system_id
@@ -55,6 +76,7 @@ class LiveCamera:
         try:
             self._channel = VideoChannel(
                 url, on_encoded=self._take_encoded, on_decoded=self._take_decoded, on_jpeg=self._take_jpeg,
+                on_colour=self._take_colour, wants_colour=self._wants_colour,
                 map_vehicle_unix=map_vehicle_unix, time_offset_s=time_offset_s,
             )  # fmt: skip
         except VideoSourceError as error:
@@ -127,6 +149,44 @@ class LiveCamera:
             return await asyncio.to_thread(self._channel.ring.jpeg, frame_id)
         except (FrameNotFoundError, UndecodableFrameError):
             raise FrameGoneError(self.source, frame_id) from None
+
+    async def picture(self, frame_id: int) -> ColourPicture:
+        """A frame of the last minute in colour; FrameGoneError for others, and where its shape is not the camera's."""
+        identity = self.identify(frame_id)
+        try:
+            image = await asyncio.to_thread(self._channel.ring.image, frame_id)
+        except (FrameNotFoundError, UndecodableFrameError):
+            raise FrameGoneError(self.source, frame_id) from None
+        found = self._coloured(identity, image)
+        if found is None:
+            raise FrameGoneError(self.source, frame_id)
+        return found
+
+    def pictures_after(self, frame_id: int, step_us: int) -> Iterator[ColourPicture]:
+        """What came after a frame of the last minute up to now, at least ``step_us`` apart; for any one thread."""
+        for frame, image in pictures_after(self._channel.ring, frame_id, step_us):
+            identity = FrameIdentity(frame.frame_id, frame.t_us, frame.width, frame.height, frame.stamped)
+            found = self._coloured(identity, image)
+            if found is not None:
+                yield found
+
+    def _wants_colour(self, frame: EncodedFrame) -> bool:
+        watcher = self.watcher
+        return watcher is not None and watcher.wants(frame.t_us)
+
+    def _take_colour(self, frame: DecodedFrame) -> None:
+        watcher = self.watcher
+        rows, columns = frame.image.shape[:2]
+        identity = FrameIdentity(frame.frame_id, frame.t_us, columns, rows, frame.stamped)
+        found = self._coloured(identity, frame.image)
+        if watcher is not None and found is not None:
+            watcher.offer(found)
+
+    def _coloured(self, identity: FrameIdentity, image: Image) -> ColourPicture | None:
+        if self._calibrated is None:
+            return None
+        whole, _ = fitted(image, self._calibrated)
+        return None if whole is None else ColourPicture(identity, whole)
 
     def _take_encoded(self, frame: EncodedFrame) -> None:
         self._recorder.frame(frame)

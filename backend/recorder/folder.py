@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
+from backend.recorder.followed import FOLLOWED_COLUMNS, FollowedRow
 from backend.video.frames import EncodedFrame
 from backend.video.writer import TsWriter
 from estimator.types import NavigationState, OffsetSource
@@ -84,6 +85,7 @@ class FlightWriter:
         self._tlog = TlogWriter(folder / "telemetry.tlog")
         self._estimate = CsvAppender(folder / "estimate.csv", ESTIMATE_COLUMNS)
         self._clicks = CsvAppender(folder / "clicks.csv", CLICK_COLUMNS)
+        self._followed: CsvAppender | None = None
 
     @property
     def bytes_written(self) -> int:
@@ -135,6 +137,12 @@ class FlightWriter:
         """Append a line of ``clicks.csv``."""
         self._clicks.write(row.t_us, round(row.u_px, 3), round(row.v_px, 3), row.target)
 
+    def followed(self, row: FollowedRow) -> None:
+        """Append a line of ``followed.csv``, which a flight without followed targets does not have."""
+        if self._followed is None:
+            self._followed = CsvAppender(self.folder / "followed.csv", FOLLOWED_COLUMNS)
+        self._followed.write(*row.cells())
+
     def gps_denied(self, t_unix_us: int, denied: bool) -> None:
         """Note from when to when GPS was kept from the estimator."""
         if denied and self._denied_since_us is None:
@@ -160,6 +168,8 @@ class FlightWriter:
             self._estimate.close,
             self._clicks.close,
         ]
+        if self._followed is not None:
+            closing.append(self._followed.close)
         if self._frames is not None:
             closing.append(self._frames.close)
         if self._video is not None:

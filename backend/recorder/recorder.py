@@ -19,6 +19,7 @@ import structlog
 from backend.clock import mono_us, unix_us
 from backend.errors import ConflictError
 from backend.recorder.folder import ClickRow, FlightWriter, RecordingPlan
+from backend.recorder.followed import FollowedRow
 from backend.video.frames import EncodedFrame
 from estimator.types import NavigationState
 
@@ -46,7 +47,7 @@ class _End:
     pass
 
 
-_Record = _Packet | EncodedFrame | NavigationState | ClickRow | _Denied | _End
+_Record = _Packet | EncodedFrame | NavigationState | ClickRow | FollowedRow | _Denied | _End
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +134,10 @@ class Recorder:
         """Record an operator's click."""
         self._put(row, 100)
 
+    def followed(self, row: FollowedRow) -> None:
+        """Record what a picture showed of a followed target."""
+        self._put(row, 200)
+
     def gps_denied(self, denied: bool) -> None:
         """Record that GPS is kept from the estimator from now on, or no longer."""
         self._put(_Denied(unix_us(), denied), 20)
@@ -212,6 +217,8 @@ class _Session:
                 self._writer.state(record)
             case ClickRow():
                 self._writer.click(record)
+            case FollowedRow():
+                self._writer.followed(record)
             case _Denied(t_unix_us, denied):
                 self._writer.gps_denied(t_unix_us, denied)
             case _:

@@ -9,8 +9,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from backend.coordinates import dms_of, mgrs_of, utm_of
+from backend.fleet.tracks import TrackPoint
 from backend.pointing import HIGHEST_HEIGHT_M, LOWEST_HEIGHT_M, GroundKind
-from backend.store.targets import Target
+from backend.store.targets import Target, TrackUpdate
 from backend.uncertainty import circular_error_m, ellipse95
 from estimator.types import Float
 
@@ -30,6 +31,27 @@ class PointGeometry(BaseModel):
 
     type: Literal["Point"] = "Point"
     coordinates: list[float]
+
+
+class TrackBody(BaseModel):
+    """What following a target says of it; what is not known is null.
+
+    ``status`` is ``seen`` in the newest picture, ``lost``, or ``stopped``: no longer followed; ``reason`` says why. The
+    place and the velocity are of ``seen_unix_us``, the exposure of the last sighting. ``moving`` is null until that is
+    known, and so is the velocity; speed and course are those of a moving target only.
+    """
+
+    status: Literal["seen", "lost", "stopped"]
+    reason: str | None
+    seen_unix_us: int | None
+    moving: bool | None
+    vel_n_m_s: float | None
+    vel_e_m_s: float | None
+    std_vel_n_m_s: float | None
+    std_vel_e_m_s: float | None
+    cov_vel_ne_m2_s2: float | None
+    speed_m_s: float | None
+    course_deg: float | None
 
 
 class TargetProperties(BaseModel):
@@ -56,6 +78,7 @@ class TargetProperties(BaseModel):
     ellipse95: EllipseBody | None
     height_above_ground_m: float | None
     ground: GroundKind | None
+    track: TrackBody | None
     created_unix_us: int
     updated_unix_us: int
     version: int
@@ -112,7 +135,7 @@ class NewTarget(BaseModel):
     """A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg).
 
     What is clicked stands ``height_above_ground_m`` above the terrain, or above level ground at the height below the
-    vehicle ("flat"); at the terrain itself when neither is said.
+    vehicle ("flat"); at the terrain itself when neither is said. With ``track`` it is followed from that frame on.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -127,10 +150,11 @@ class NewTarget(BaseModel):
     alt_amsl_m: float | None = Field(default=None, ge=-1000, le=20000)
     height_above_ground_m: float | None = HeightAboveGround
     ground: GroundKind | None = None
+    track: bool | None = None
 
 
 class TargetPatch(BaseModel):
-    """What to change; a position needs both of lat_deg and lon_deg."""
+    """What to change. A position needs both of lat_deg and lon_deg, and ends following, as ``track`` false does."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -138,6 +162,7 @@ class TargetPatch(BaseModel):
     lat_deg: float | None = Field(default=None, ge=-90, le=90)
     lon_deg: float | None = Field(default=None, ge=-180, le=180)
     alt_amsl_m: float | None = Field(default=None, ge=-1000, le=20000)
+    track: bool | None = None
 
 
 def feature_of_target(target: Target) -> TargetFeature:
@@ -158,8 +183,33 @@ def feature_of_target(target: Target) -> TargetFeature:
             std_d_m=_root(target.var_d_m2),
             cov_ne_m2=target.cov_ne_m2, ce90_m=spread[0], ellipse95=spread[1],
             height_above_ground_m=target.height_above_ground_m, ground=_ground(target.ground),
+            track=track_of(target),
             created_unix_us=target.created_unix_us, updated_unix_us=target.updated_unix_us, version=target.version,
         ),
+    )  # fmt: skip
+
+
+def track_of(target: Target) -> TrackBody | None:
+    """What following says of a target; None for one that never was followed."""
+    if target.track_status is None:
+        return None
+    return _track_body(target, target.track_status, target.track_reason)
+
+
+def track_body_of(update: TrackUpdate) -> TrackBody:
+    """The same of an update of a target."""
+    return _track_body(update, update.status, update.reason)
+
+
+def _track_body(of: Target | TrackUpdate, status: str, reason: str | None) -> TrackBody:
+    going = of.moving is True and of.vel_n_m_s is not None and of.vel_e_m_s is not None
+    north, east = (of.vel_n_m_s or 0.0, of.vel_e_m_s or 0.0)
+    return TrackBody(
+        status="seen" if status == "seen" else "lost" if status == "lost" else "stopped", reason=reason,
+        seen_unix_us=of.seen_unix_us, moving=of.moving, vel_n_m_s=of.vel_n_m_s, vel_e_m_s=of.vel_e_m_s,
+        std_vel_n_m_s=_root(of.var_vel_n_m2_s2), std_vel_e_m_s=_root(of.var_vel_e_m2_s2),
+        cov_vel_ne_m2_s2=of.cov_vel_ne_m2_s2, speed_m_s=math.hypot(north, east) if going else None,
+        course_deg=math.degrees(math.atan2(east, north)) % 360.0 if going else None,
     )  # fmt: skip
 
 
@@ -182,6 +232,19 @@ def ellipse_of(cov_ne_m2: Float) -> EllipseBody:
 def collection_of_targets(targets: list[Target]) -> TargetCollection:
     """The GeoJSON collection of targets."""
     return TargetCollection(features=[feature_of_target(target) for target in targets])
+
+
+def collection_of_tracks(pieces: list[list[TrackPoint]], source: str, vehicle_id: str) -> TrackCollection:
+    """The GeoJSON collection of a track's pieces; RFC 7946: a LineString has two positions or more."""
+    return TrackCollection(features=[
+        TrackFeature(
+            geometry=TrackGeometry(coordinates=[[p.lon_deg, p.lat_deg, p.alt_amsl_m] for p in piece]),
+            properties=TrackProperties(
+                source=source, vehicle_id=vehicle_id, epoch=piece[0].epoch, times_unix_us=[p.t_us for p in piece]
+            ),
+        )
+        for piece in pieces if len(piece) > 1
+    ])  # fmt: skip
 
 
 def _ground(kind: str | None) -> GroundKind | None:

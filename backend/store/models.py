@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy import BigInteger, Float, Integer, String
+from sqlalchemy import BigInteger, Boolean, Float, Integer, String
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 class Base(DeclarativeBase):
@@ -34,6 +34,15 @@ class TargetRow(Base):
     cov_ne_m2: Mapped[float | None] = mapped_column(Float)
     height_above_ground_m: Mapped[float | None] = mapped_column(Float)
     ground: Mapped[str | None] = mapped_column(String(20))
+    track_status: Mapped[str | None] = mapped_column(String(20))
+    track_reason: Mapped[str | None] = mapped_column(String(300))
+    seen_unix_us: Mapped[int | None] = mapped_column(BigInteger)
+    moving: Mapped[bool | None] = mapped_column(Boolean)
+    vel_n_m_s: Mapped[float | None] = mapped_column(Float)
+    vel_e_m_s: Mapped[float | None] = mapped_column(Float)
+    var_vel_n_m2_s2: Mapped[float | None] = mapped_column(Float)
+    var_vel_e_m2_s2: Mapped[float | None] = mapped_column(Float)
+    cov_vel_ne_m2_s2: Mapped[float | None] = mapped_column(Float)
     created_unix_us: Mapped[int] = mapped_column(BigInteger, index=True)
     updated_unix_us: Mapped[int] = mapped_column(BigInteger)
     version: Mapped[int] = mapped_column(Integer)

@@ -10,6 +10,10 @@ from backend.errors import TargetChangedError, UnknownTargetError
 from backend.store.database import Database
 from backend.store.models import TargetRow
 
+SEEN, LOST, STOPPED = "seen", "lost", "stopped"
+TRACK_STATES = (SEEN, LOST, STOPPED)
+FOLLOWED = "followed"
+
 
 @dataclass(frozen=True, slots=True)
 class Target:
@@ -17,6 +21,10 @@ class Target:
 
     ``vehicle_id``, ``frame_id``, ``t_unix_us`` (exposure) and the pixel say where it was clicked, and
     ``height_above_ground_m`` with ``ground`` ("terrain" or "flat") at which height above what.
+
+    Of one that was followed, ``track_status`` is one of `TRACK_STATES`, ``track_reason`` why it is not seen, and
+    ``seen_unix_us`` the exposure of the last sighting, of which the place is. ``moving`` and the velocity are None
+    before they are known.
     """
 
     id: str
@@ -39,6 +47,42 @@ class Target:
     cov_ne_m2: float | None = None
     height_above_ground_m: float | None = None
     ground: str | None = None
+    track_status: str | None = None
+    track_reason: str | None = None
+    seen_unix_us: int | None = None
+    moving: bool | None = None
+    vel_n_m_s: float | None = None
+    vel_e_m_s: float | None = None
+    var_vel_n_m2_s2: float | None = None
+    var_vel_e_m2_s2: float | None = None
+    cov_vel_ne_m2_s2: float | None = None
+
+    @property
+    def followed(self) -> bool:
+        """Whether it is being followed now."""
+        return self.track_status in (SEEN, LOST)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackUpdate:
+    """What following found: where a target was at ``seen_unix_us``, how it moved then, and whether it is seen now."""
+
+    status: str
+    reason: str | None
+    seen_unix_us: int
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+    var_n_m2: float
+    var_e_m2: float
+    cov_ne_m2: float
+    var_d_m2: float
+    moving: bool | None
+    vel_n_m_s: float | None
+    vel_e_m_s: float | None
+    var_vel_n_m2_s2: float | None
+    var_vel_e_m2_s2: float | None
+    cov_vel_ne_m2_s2: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +127,36 @@ class TargetStore:
         """One target, or UnknownTargetError."""
         return self._expected(target_id, None)
 
+    def expected(self, target_id: str, version: int | None) -> Target:
+        """One target, if it has the expected version (None: whichever it has); else TargetChangedError."""
+        return self._expected(target_id, version)
+
     async def change(self, target_id: str, change: TargetChange, version: int | None, now_us: int) -> Target:
         """Change a target, if it still has the expected version (None: whichever it has)."""
         async with self._database.writing:
-            changed = _changed(self._expected(target_id, version), change, now_us)
-            async with self._database.session.begin() as session:
-                await session.merge(TargetRow(**asdict(changed)))
-            self._targets[target_id] = changed
+            return await self._replace(_changed(self._expected(target_id, version), change, now_us))
+
+    async def track(self, target_id: str, update: TrackUpdate, now_us: int) -> Target:
+        """Keep where a target was seen; its coordinate is then that of sightings, no longer that of the click."""
+        async with self._database.writing:
+            target = self._expected(target_id, None)
+            found = asdict(update)
+            found["track_status"], found["track_reason"] = found.pop("status"), found.pop("reason")
+            return await self._replace(
+                replace(target, version=target.version + 1, updated_unix_us=now_us, method=FOLLOWED, **found)
+            )
+
+    async def set_track(self, target_id: str, status: str, reason: str | None, now_us: int) -> Target:
+        """Say whether a target is followed; its coordinate stays as it is."""
+        async with self._database.writing:
+            target = self._expected(target_id, None)
+            changed = replace(target, version=target.version + 1, updated_unix_us=now_us)
+            return await self._replace(replace(changed, track_status=status, track_reason=reason))
+
+    async def _replace(self, changed: Target) -> Target:
+        async with self._database.session.begin() as session:
+            await session.merge(TargetRow(**asdict(changed)))
+        self._targets[changed.id] = changed
         return changed
 
     async def delete(self, target_id: str, version: int | None) -> Target:
@@ -121,6 +188,8 @@ def _changed(target: Target, change: TargetChange, now_us: int) -> Target:
         changed = replace(
             changed, lat_deg=lat_deg, lon_deg=lon_deg, method="manual",
             var_n_m2=None, var_e_m2=None, var_d_m2=None, cov_ne_m2=None, height_above_ground_m=None, ground=None,
+            seen_unix_us=None, moving=None, vel_n_m_s=None, vel_e_m_s=None, var_vel_n_m2_s2=None,
+            var_vel_e_m2_s2=None, cov_vel_ne_m2_s2=None,
         )  # fmt: skip
     return changed
 

@@ -55,13 +55,18 @@ def _ignore(_: object) -> None:
     """Nobody wants it."""
 
 
+def _never(_: EncodedFrame) -> bool:
+    return False
+
+
 class VideoChannel:
     """A video source with its threads: one receives, one decodes, and the second never holds up the first.
 
     ``on_encoded`` gets every usable frame at once, from the receiving thread, and must not block; for a video that no
     browser decodes (H.265, raw pictures, H.264 without key frames) it gets JPEG from the decoding thread.
     ``on_decoded`` gets grey pictures from the decoding thread; while it is slow, older pictures are dropped and it is
-    given the newest. ``on_jpeg`` gets every decoded frame as JPEG too, while ``jpeg_wanted`` is true.
+    given the newest. ``on_jpeg`` gets every decoded frame as JPEG too, while ``jpeg_wanted`` is true; ``on_colour``
+    gets BGR pictures of the frames that ``wants_colour`` asks for, in the same thread.
     ``VideoSourceError`` for an address that cannot be used; everything else shows in `health`.
     """
 
@@ -72,6 +77,8 @@ class VideoChannel:
         on_encoded: Callable[[EncodedFrame], None] = _ignore,
         on_decoded: Callable[[DecodedFrame], None] = _ignore,
         on_jpeg: Callable[[EncodedFrame], None] = _ignore,
+        on_colour: Callable[[DecodedFrame], None] = _ignore,
+        wants_colour: Callable[[EncodedFrame], bool] = _never,
         map_vehicle_unix: VehicleClockMap | None = None,
         time_offset_s: float = 0.0,
         ring_seconds: float = DEFAULT_SECONDS,
@@ -81,6 +88,7 @@ class VideoChannel:
         self.ring = FrameRing(ring_seconds)
         self.jpeg_wanted = False
         self._on_encoded, self._on_decoded, self._on_jpeg = on_encoded, on_decoded, on_jpeg
+        self._on_colour, self._wants_colour = on_colour, wants_colour
         self._clock = clock
         self._maker = FrameMaker(ExposureClock(map_vehicle_unix, round(time_offset_s * 1e6)))
         self._maker_lock = threading.Lock()
@@ -199,8 +207,13 @@ class VideoChannel:
             self._dropped_pictures += 1
         else:
             self._show(shown.frame, grey_from_frame(picture))
-            if self.jpeg_wanted:
-                self._show_as_jpeg(shown.frame, bgr_from_frame(picture))
+            wanted = self._wants_colour(shown.frame)
+            if self.jpeg_wanted or wanted:
+                colour = bgr_from_frame(picture)
+                if self.jpeg_wanted:
+                    self._show_as_jpeg(shown.frame, colour)
+                if wanted:
+                    self._show_colour(shown.frame, colour)
 
     def _show(self, frame: EncodedFrame, grey: Image) -> None:
         self._monitor.decoded(grey, frame.t_wire_us, self._clock())
@@ -218,6 +231,14 @@ class VideoChannel:
         self._show(work.frame, grey)
         if self.jpeg_wanted:
             self._on_jpeg(work.frame)
+        if self._wants_colour(work.frame):
+            colour = image_from_jpeg(work.payload, colour=True)
+            if colour is not None:
+                self._show_colour(work.frame, colour)
+
+    def _show_colour(self, frame: EncodedFrame, colour: Image) -> None:
+        if not self._closing:
+            self._on_colour(DecodedFrame(frame.frame_id, frame.epoch, frame.t_us, colour, frame.stamped))
 
     def _show_as_jpeg(self, frame: EncodedFrame, colour: Image) -> None:
         jpeg = EncodedFrame(
@@ -236,6 +257,8 @@ class VideoChannel:
         if self.jpeg_wanted:
             self._on_jpeg(frame)
         self._show(frame, cv2.cvtColor(colour, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False))
+        if self._wants_colour(frame):
+            self._show_colour(frame, colour)
 
 
 class _Streams:

@@ -70,6 +70,12 @@ class FrameRing:
             last = self._groups[-1][-1].frame_id if self._groups else None
         raise FrameNotFoundError(frame_id, first, last)
 
+    def after(self, frame_id: int) -> list[EncodedFrame]:
+        """The frames after one that is held, in turn; `FrameNotFoundError` where it is not held any more."""
+        self.get(frame_id)
+        with self._lock:
+            return [frame for group in self._groups for frame in group if frame.frame_id > frame_id]
+
     def newest_group(self) -> list[EncodedFrame]:
         """From the last key frame to the newest frame; empty before the first."""
         with self._lock:

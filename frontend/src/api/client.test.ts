@@ -28,6 +28,15 @@ describe('RestApi', () => {
     expect(calls[0]?.headers.get('if-match')).toBe('"4"');
   });
 
+  it('renames a followed target whatever its version is by then, and ends following', async () => {
+    const { api, calls } = station(200, {});
+    const followed = { id: 't', properties: { version: 4, track: { status: 'lost' } } } as unknown as Target;
+    await api.renameTarget(followed, 'Van');
+    await api.followTarget(followed, false);
+    expect(calls.map((call) => call.headers.get('if-match'))).toEqual([null, null]);
+    expect(await calls[1]?.json()).toEqual({ track: false });
+  });
+
   it('asks where a pixel lies, at the chosen height', async () => {
     const { api, calls } = station(200, {});
     await api.locate('1', { frame_id: 5, u_px: 1, v_px: 2 }, { height_above_ground_m: 3, ground: 'flat' });

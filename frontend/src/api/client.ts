@@ -4,6 +4,12 @@ import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
 import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pointing, Problem, Target, TrackCollection } from './types';
 
+/** Whether it is looked for in every picture now. */
+export function isFollowed(target: Target): boolean {
+  const status = target.properties.track?.status;
+  return status === 'seen' || status === 'lost';
+}
+
 export class ApiError extends Error {
   constructor(
     readonly status: number | null,
@@ -28,7 +34,7 @@ export interface Alignment {
 }
 
 export type NewTarget =
-  | ({ vehicle_id: string; name?: string } & PixelOfFrame & Partial<Pointing>)
+  | ({ vehicle_id: string; name?: string; track?: boolean } & PixelOfFrame & Partial<Pointing>)
   | { lat_deg: number; lon_deg: number; name?: string };
 
 export interface ReplayChange {
@@ -40,6 +46,9 @@ export interface ReplayChange {
 export interface StationApi {
   createTarget(target: NewTarget): Promise<Target>;
   renameTarget(target: Target, name: string): Promise<Target>;
+  /** Follow a clicked target from its picture on, or no longer. */
+  followTarget(target: Target, track: boolean): Promise<Target>;
+  targetTrack(target_id: string): Promise<TrackCollection>;
   /** `urgently` while the page goes away. */
   deleteTarget(target: Target, urgently?: boolean): Promise<void>;
   /** Where a pixel lies; nothing of it is kept. */
@@ -128,6 +137,15 @@ export class RestApi implements StationApi {
   renameTarget(target: Target, name: string): Promise<Target> {
     const params = { path: { target_id: target.id }, header: ifMatch(target) };
     return this.answer(this.client.PATCH('/api/v1/targets/{target_id}', { params, body: { name } }));
+  }
+
+  followTarget(target: Target, track: boolean): Promise<Target> {
+    const params = { path: { target_id: target.id } };
+    return this.answer(this.client.PATCH('/api/v1/targets/{target_id}', { params, body: { track } }));
+  }
+
+  targetTrack(target_id: string): Promise<TrackCollection> {
+    return this.answer(this.client.GET('/api/v1/targets/{target_id}/track', { params: { path: { target_id } } }));
   }
 
   async deleteTarget(target: Target, urgently = false): Promise<void> {
@@ -248,7 +266,8 @@ export class RestApi implements StationApi {
   }
 }
 
-/** A change based on an old version must not overwrite a newer one. */
+/** A change based on an old version must not overwrite a newer one; that of a followed target rises by itself. */
 function ifMatch(target: Target): Record<string, string> {
+  if (isFollowed(target)) return {};
   return { 'if-match': `"${target.properties.version}"` };
 }

@@ -291,7 +291,9 @@ export interface paths {
         head?: never;
         /**
          * Change Target
-         * @description Rename or move a target. The evidence of a click stays, but does not prove where it was moved to.
+         * @description Rename or move a target, follow it from its picture on (``track``), or follow it no longer.
+         *
+         *     The evidence of a click stays, but does not prove where the target was moved or followed to.
          */
         patch: operations["change_target_api_v1_targets__target_id__patch"];
         trace?: never;
@@ -330,6 +332,26 @@ export interface paths {
          * @description What was clicked: a square of the video about the pixel, as JPEG. 404 where no picture was kept.
          */
         get: operations["get_picture_api_v1_targets__target_id__picture_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/targets/{target_id}/track": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Track
+         * @description Where a target that is followed was seen, since that began; empty for one that is not, or before the start.
+         */
+        get: operations["get_track_api_v1_targets__target_id__track_get"];
         put?: never;
         post?: never;
         delete?: never;
@@ -946,7 +968,7 @@ export interface components {
          * @description A click on a frame (vehicle_id, frame_id, u_px, v_px), or typed-in coordinates (lat_deg, lon_deg).
          *
          *     What is clicked stands ``height_above_ground_m`` above the terrain, or above level ground at the height below the
-         *     vehicle ("flat"); at the terrain itself when neither is said.
+         *     vehicle ("flat"); at the terrain itself when neither is said. With ``track`` it is followed from that frame on.
          */
         NewTarget: {
             /** Name */
@@ -969,6 +991,8 @@ export interface components {
             height_above_ground_m?: number | null;
             /** Ground */
             ground?: ("terrain" | "flat") | null;
+            /** Track */
+            track?: boolean | null;
         };
         /**
          * PointGeometry
@@ -1132,7 +1156,7 @@ export interface components {
         };
         /**
          * TargetPatch
-         * @description What to change; a position needs both of lat_deg and lon_deg.
+         * @description What to change. A position needs both of lat_deg and lon_deg, and ends following, as ``track`` false does.
          */
         TargetPatch: {
             /** Name */
@@ -1143,6 +1167,8 @@ export interface components {
             lon_deg?: number | null;
             /** Alt Amsl M */
             alt_amsl_m?: number | null;
+            /** Track */
+            track?: boolean | null;
         };
         /**
          * TargetProperties
@@ -1190,12 +1216,48 @@ export interface components {
             height_above_ground_m: number | null;
             /** Ground */
             ground: ("terrain" | "flat") | null;
+            track: components["schemas"]["TrackBody"] | null;
             /** Created Unix Us */
             created_unix_us: number;
             /** Updated Unix Us */
             updated_unix_us: number;
             /** Version */
             version: number;
+        };
+        /**
+         * TrackBody
+         * @description What following a target says of it; what is not known is null.
+         *
+         *     ``status`` is ``seen`` in the newest picture, ``lost``, or ``stopped``: no longer followed; ``reason`` says why. The
+         *     place and the velocity are of ``seen_unix_us``, the exposure of the last sighting. ``moving`` is null until that is
+         *     known, and so is the velocity; speed and course are those of a moving target only.
+         */
+        TrackBody: {
+            /**
+             * Status
+             * @enum {string}
+             */
+            status: "seen" | "lost" | "stopped";
+            /** Reason */
+            reason: string | null;
+            /** Seen Unix Us */
+            seen_unix_us: number | null;
+            /** Moving */
+            moving: boolean | null;
+            /** Vel N M S */
+            vel_n_m_s: number | null;
+            /** Vel E M S */
+            vel_e_m_s: number | null;
+            /** Std Vel N M S */
+            std_vel_n_m_s: number | null;
+            /** Std Vel E M S */
+            std_vel_e_m_s: number | null;
+            /** Cov Vel Ne M2 S2 */
+            cov_vel_ne_m2_s2: number | null;
+            /** Speed M S */
+            speed_m_s: number | null;
+            /** Course Deg */
+            course_deg: number | null;
         };
         /**
          * TrackCollection
@@ -2162,6 +2224,50 @@ export interface operations {
                 };
                 content: {
                     "image/jpeg": unknown;
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_track_api_v1_targets__target_id__track_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                target_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["TrackCollection"];
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -36,6 +36,7 @@ export interface Pointing {
   height_above_ground_m: number;
   ground: GroundKind;
 }
+export type TargetTrack = Schemas['TrackBody'];
 export type Flight = Schemas['FlightBody'];
 export type TrackCollection = Schemas['TrackCollection'];
 
@@ -177,6 +178,26 @@ export type TargetMessage = Envelope & { type: 'target' } & (
     | { action: 'deleted'; target: string | { id: string } }
   );
 
+/** What one picture showed of a followed target; place and track as in the target's properties. */
+export interface SightingMessage extends Envelope {
+  type: 'sighting';
+  vehicle_id: string;
+  target_id: string;
+  frame_id: number;
+  t_frame_unix_us: number;
+  /** In the video; null where it is not seen. */
+  u_px: Maybe<number>;
+  v_px: Maybe<number>;
+  size_px: Maybe<number>;
+  confidence: Maybe<number>;
+  lat_deg: number;
+  lon_deg: number;
+  alt_amsl_m: number;
+  ce90_m: number;
+  ellipse95: Ellipse95;
+  track: TargetTrack;
+}
+
 export interface AlarmMessage extends Envelope, Alarm {
   type: 'alarm';
 }
@@ -247,6 +268,7 @@ export type StationMessage =
   | VideoMessage
   | FixMessage
   | TargetMessage
+  | SightingMessage
   | AlarmMessage
   | AckMessage
   | MapMessage

@@ -61,6 +61,13 @@ export function targetFeatures(targets: readonly Target[], selected: string | nu
   );
 }
 
+/** Where followed targets were. */
+export function targetTrackFeatures(targets: readonly Target[], trackOf: (id: string) => Track | null): Collection {
+  return collection(
+    targets.flatMap(({ id }) => (trackOf(id)?.pieces() ?? []).filter((piece) => piece.length > 1).map((piece) => line(piece, { id }))),
+  );
+}
+
 export function targetEllipseFeatures(targets: readonly Target[], selected: string | null): Collection {
   return collection(
     targets.flatMap((target) => {

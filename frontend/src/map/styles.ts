@@ -32,6 +32,7 @@ function cased(colour: string, width: number, lineDash?: number[]): Style[] {
 // Dashes as well as colour, so that the two tracks differ for every eye.
 export const GPS_TRACK = cased(COLOURS.gps, 2, [7, 5]);
 export const VISION_TRACK = cased(COLOURS.vision, 2.5);
+export const TARGET_TRACK = cased(COLOURS.target, 2);
 
 export const FOOTPRINT = new Style({
   stroke: new Stroke({ color: COLOURS.footprint, width: 1.25, lineDash: [4, 4] }),

@@ -7,6 +7,7 @@ import type { CoordinateFormat } from '../geo/format';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
 import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
+import { SightingBook } from '../store/sightings';
 import { TrackBook } from '../store/tracks';
 import { Deletions } from '../store/deletions';
 import { BROWSER_TIMERS } from '../video/latest';
@@ -70,6 +71,10 @@ export class Session {
   notices = $state.raw<Notice[]>([]);
   /** Goes up with every change of a track. */
   tracksRevision = $state(0);
+  /** Goes up with every sighting. */
+  sightingsRevision = $state(0);
+  /** Whether what is clicked in the video is followed from then on. */
+  followClicks = $state(false);
   /** Where the map should go next; a new object each time. */
   goto = $state.raw<{ lat_deg: number; lon_deg: number } | null>(null);
 
@@ -87,6 +92,7 @@ export class Session {
   );
 
   readonly tracks = new TrackBook();
+  readonly sightings = new SightingBook();
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
   private readonly heard_ms = new Map<string, number>();
@@ -142,6 +148,7 @@ export class Session {
   private take(batch: StationMessage[]): void {
     let mission = this.mission;
     let moved = false;
+    let sighted = false;
     for (const message of batch) {
       mission = reduce(mission, message);
       const cleared = this.tracks.apply(message);
@@ -153,10 +160,12 @@ export class Session {
         moved = true;
       }
       if (message.type === 'gps') moved = true;
+      sighted = this.sightings.apply(message) || sighted;
       if (message.type === 'hello') {
         moved = true;
         // After an interruption the station knows more of the track than this page.
         this.primed.clear();
+        for (const target of message.targets.features) if (target.properties.track) this.primeTarget(target.id);
       }
       if (message.type === 'fix' && message.kind === 'operator') {
         this.say(message.accepted ? 'info' : 'error', message.accepted ? 'The estimate follows the alignment' : `Alignment: ${message.reason}`);
@@ -168,6 +177,7 @@ export class Session {
     this.mission = mission;
     this.chooseVehicle();
     if (moved) this.tracksRevision += 1;
+    if (sighted) this.sightingsRevision += 1;
   }
 
   private chooseVehicle(): void {
@@ -219,6 +229,16 @@ export class Session {
         // Without the station's memory the trail simply starts now.
         .catch(() => undefined);
     }
+  }
+
+  private primeTarget(id: string): void {
+    this.api
+      .targetTrack(id)
+      .then((track) => {
+        this.sightings.prime(id, track);
+        this.sightingsRevision += 1;
+      })
+      .catch(() => undefined);
   }
 
   /** Seconds since the vehicle's last estimate arrived here. */
@@ -304,6 +324,15 @@ export class Session {
     if (trimmed === '' || trimmed === target.properties.name) return;
     const changed = await this.attempt('Rename', () => this.api.renameTarget(target, trimmed));
     if (changed) this.keepTarget(changed);
+  }
+
+  async followTarget(target: Target, track: boolean): Promise<void> {
+    const changed = await this.attempt(track ? 'Follow' : 'Stop following', () => this.api.followTarget(target, track));
+    if (changed) this.keepTarget(changed);
+  }
+
+  toggleFollowClicks(): void {
+    this.followClicks = !this.followClicks;
   }
 
   pickTarget(id: string, centre: boolean): void {

@@ -184,6 +184,8 @@ class FakeStation implements Source {
     footprint: () => Promise.reject(new Error('the fake station knows no ground')),
     align: () => Promise.resolve(),
     trackPoint: () => Promise.resolve(),
+    followTarget: (target) => Promise.resolve(target),
+    targetTrack: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
     pictureUrl: () => '',
     exportUrl: () => '',
     denyGps: (_id, denied) => {

@@ -76,6 +76,16 @@ describe('reduce', () => {
     expect(fold(many).alarms).toHaveLength(200);
   });
 
+  it('moves a target with its sightings until it is stopped', () => {
+    const sighting = { type: 'sighting', target_id: 't', lat_deg: 58, lon_deg: 15, track: { status: 'seen' } };
+    const mission = fold([{ type: 'target', action: 'created', target: target('t') }, sighting]);
+    expect(mission.targets['t']?.properties).toMatchObject({ lat_deg: 58, version: 1, track: { status: 'seen' } });
+    const stopped = { ...target('t', 2), properties: { version: 2, lat_deg: 58, track: { status: 'stopped' } } };
+    const after = fold([{ type: 'target', action: 'updated', target: stopped }, { ...sighting, lat_deg: 59 }], mission);
+    expect(after.targets['t']?.properties.lat_deg).toBe(58);
+    expect(fold([sighting]).targets).toEqual({});
+  });
+
   it('creates, renames and deletes targets, by id or by object', () => {
     let mission = fold([
       { type: 'target', action: 'created', target: target('t') },

@@ -201,6 +201,15 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
             ? without(mission.targets, identity(message.target))
             : withTarget(mission.targets, message.target),
       };
+    case 'sighting': {
+      const target = mission.targets[message.target_id];
+      if (!target) return mission;
+      const { lat_deg, lon_deg, alt_amsl_m, ce90_m, ellipse95, track } = message;
+      // What was stopped meanwhile stays so; the version is that of the next 'target'.
+      if (target.properties.track?.status === 'stopped') return mission;
+      const properties = { ...target.properties, lat_deg, lon_deg, alt_amsl_m, ce90_m, ellipse95, track };
+      return { ...mission, targets: { ...mission.targets, [target.id]: { ...target, properties } } };
+    }
     case 'alarm':
       return { ...mission, alarms: withAlarm(mission.alarms, message, message.t_unix_us) };
     case 'ack':

@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
-import type { LinkMessage, StateMessage, VideoMessage } from '../api/types';
+import type { LinkMessage, StateMessage, TargetTrack, VideoMessage } from '../api/types';
 import { newVehicle } from './mission';
-import { boresightWords, connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, vehicleWords, videoClockWords, videoWords } from './words';
+import { boresightWords, connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, trackWords, vehicleWords, videoClockWords, videoWords } from './words';
 
 const vehicle = (fields: object) => ({ ...newVehicle('1'), ...fields });
 const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: false, last_fix_age_s: 0.4, ...fields } as StateMessage });
@@ -117,4 +117,14 @@ it('speaks of the connection, of fixes, methods and vehicles', () => {
   expect([methodWords('ray_terrain'), methodWords('line_of_sight')]).toEqual(['ray to terrain', 'line of sight']);
   expect(vehicleWords(vehicle({ telemetry: { vehicle_type: 'helicopter', simulated: true } }))).toBe('1 · helicopter (sim)');
   expect(vehicleWords(newVehicle('replay-f1'))).toBe('Replay f1');
+});
+
+it('says of a followed target whether it is seen, stands or moves', () => {
+  const track = (fields: Partial<TargetTrack>) =>
+    trackWords({ status: 'seen', reason: null, moving: null, speed_m_s: null, course_deg: null, ...fields } as TargetTrack);
+  expect(track({})).toBe('seen');
+  expect(track({ moving: false })).toBe('standing');
+  expect(track({ moving: true, speed_m_s: 8.24, course_deg: 44.6 })).toBe('moving 8.2 m/s, 45°');
+  expect(track({ status: 'lost', reason: 'outside the picture', moving: true, speed_m_s: 8, course_deg: 1 })).toBe('lost: outside the picture');
+  expect(track({ status: 'stopped', reason: 'moved by hand' })).toBe('not followed: moved by hand');
 });

@@ -1,6 +1,6 @@
 /** What the status strip says, in plain words. Pure. */
 
-import type { Mode, StateMessage } from '../api/types';
+import type { Mode, StateMessage, TargetTrack } from '../api/types';
 import { formatAge, formatNumber, withUnit } from '../geo/format';
 import type { ConnectionStatus } from '../source/source';
 import { isReplay, type Vehicle } from './mission';
@@ -199,6 +199,16 @@ const METHOD_WORDS: Record<string, string> = {
 
 export function methodWords(method: string): string {
   return METHOD_WORDS[method] ?? method.replaceAll('_', ' ');
+}
+
+/** What following says of a target, in a few words. */
+export function trackWords(track: TargetTrack): string {
+  if (track.status === 'stopped') return track.reason ? `not followed: ${track.reason}` : 'not followed';
+  if (track.status === 'lost') return `lost: ${track.reason ?? 'not seen'}`;
+  if (track.speed_m_s !== null && track.course_deg !== null) {
+    return `moving ${formatNumber(track.speed_m_s, 1)} m/s, ${formatNumber(track.course_deg)}°`;
+  }
+  return track.moving === false ? 'standing' : 'seen';
 }
 
 export function vehicleWords(vehicle: Vehicle): string {

@@ -29,6 +29,15 @@ def target(**changes: Any) -> Target:
     return Target(**{**facts, **changes})
 
 
+def followed(**changes: Any) -> Target:
+    """One that drives east at 5 m/s, seen 2 s after the click."""
+    facts: dict[str, Any] = {
+        "method": "followed", "track_status": "seen", "seen_unix_us": T_US + 2_000_000, "moving": True,
+        "vel_n_m_s": 0.0, "vel_e_m_s": 5.0, "var_vel_n_m2_s2": 0.04, "var_vel_e_m2_s2": 0.09, "cov_vel_ne_m2_s2": 0.0,
+    }  # fmt: skip
+    return target(**{**facts, **changes})
+
+
 def typed(**changes: Any) -> Target:
     """Coordinates that somebody typed in: nothing is known of their error."""
     unknown = dict.fromkeys(

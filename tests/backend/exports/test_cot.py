@@ -8,7 +8,7 @@ import pytest
 from lxml import etree
 
 from backend.exports.cot import cot_event, cot_of_targets
-from tests.backend.exports.samples import NASTY_NAMES, T_US, target, typed, valid_event
+from tests.backend.exports.samples import NASTY_NAMES, T_US, followed, target, typed, valid_event
 
 
 def test_an_event_of_a_clicked_target() -> None:
@@ -23,6 +23,20 @@ def test_an_event_of_a_clicked_target() -> None:
     assert point.get("le") == "2.00"
     assert detail.find("contact").get("callsign") == "Bridge"
     assert "height 408.2 m above mean sea level (1 sigma 2.0 m)" in detail.findtext("remarks")
+
+
+def test_a_moving_target_has_course_and_speed_and_is_stale_soon() -> None:
+    now_us = T_US + 3_000_000
+    event = valid_event(cot_event(followed(), now_us))
+    standing = valid_event(cot_event(followed(moving=False), now_us))
+    long_lost = valid_event(cot_event(followed(track_status="lost"), now_us + 600_000_000))
+
+    assert dict(event.find("detail/track").attrib) == {"course": "90.0", "speed": "5.00"}
+    assert event.get("stale") == "2026-05-01T09:30:32.250Z"  # half a minute after the sighting
+    assert "moving 5.0 m/s, course 90 degrees, seen 2026-05-01T09:30:02.250Z" in event.findtext("detail/remarks")
+    assert standing.find("detail/track") is None
+    assert standing.get("stale") == "2026-05-01T09:35:03.250Z"
+    assert long_lost.get("stale") == long_lost.get("time")
 
 
 def test_ce_is_one_sigma() -> None:

@@ -21,7 +21,7 @@ from backend.exports.kml import ellipse_ring_deg, kml_of_targets
 from backend.exports.text import clean, decimal, iso_utc
 from backend.schemas.geometry import EllipseBody, feature_of_target
 from backend.store.targets import Target
-from tests.backend.exports.samples import NASTY_NAMES, T_US, target, typed
+from tests.backend.exports.samples import NASTY_NAMES, T_US, followed, target, typed
 
 KML = {"k": "http://www.opengis.net/kml/2.2"}
 
@@ -157,6 +157,19 @@ def test_csv_has_units_times_grids_and_no_digits_that_are_not_known() -> None:
     assert (clicked["std_n_m"], clicked["std_d_m"], clicked["ellipse95_azimuth_deg"]) == ("2.236", "2.000", "45.0")
     assert (bare["alt_amsl_m"], bare["ce90_m"], bare["std_n_m"], bare["frame_id"]) == ("", "", "", "")
     assert csv_of_targets([]).decode() == ",".join(COLUMNS) + "\r\n"
+
+
+def test_velocities_are_in_every_file_that_has_a_place_for_them() -> None:
+    (row, other) = csv_rows([followed(), target()])
+    root = etree.fromstring(kml_of_targets([followed()]))
+    data = {item.get("name"): item.findtext("k:value", None, KML) for item in root.iterfind(".//k:Data", KML)}
+    (feature,) = json.loads(FORMATS["geojson"].write([followed()], T_US))["features"]
+
+    assert (row["track"], row["moving"], row["speed_m_s"], row["course_deg"]) == ("seen", "true", "5.00", "90.0")
+    assert (row["vel_e_m_s"], row["std_vel_n_m_s"], row["time_utc"]) == ("5.00", "0.20", "2026-05-01T09:30:02.250Z")
+    assert (other["track"], other["moving"], other["speed_m_s"]) == ("", "", "")
+    assert (data["track"], data["speed_m_s"], data["course_deg"]) == ("seen", "5.000", "90.000")
+    assert feature["properties"]["track"]["std_vel_e_m_s"] == pytest.approx(0.3)
 
 
 def test_files_without_targets_are_still_files() -> None:

@@ -1,5 +1,6 @@
 """The recorder never makes anybody wait, and says when the disk does not keep up."""
 
+import csv
 import threading
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from backend.errors import ConflictError
 from backend.recorder import recorder as recorder_module
 from backend.recorder.folder import FlightWriter
+from backend.recorder.followed import FollowedRow
 from backend.recorder.recorder import Recorder
 from geodata.flight import FlightFolder
 from tests.backend.flight_maker import SIZE, T0_US, plan, state, telemetry
@@ -33,6 +35,27 @@ def test_a_stopped_recording_is_complete(tmp_path: Path) -> None:
     assert flight.name == "Field 7, east"
     assert len(list(flight.telemetry())) == len(packets)
     assert not recorder.status.active
+
+
+def test_what_was_followed_has_a_table_of_its_own(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path)
+    flight_id = recorder.start(plan())
+    for t_us, data in telemetry(1.0):
+        recorder.packet(t_us, data)
+    place = (T0_US, 47.0, 8.0, 400.0, (1.5, 0.5), 0.25)
+    seen = FollowedRow(T0_US, "van", "seen", None, (10.25, 20.5), 0.9, *place, True, (3.0, -4.0))
+    lost = FollowedRow(T0_US + 200_000, "van", "lost", "not seen", None, None, *place, None, (3.0, -4.0))
+    recorder.followed(seen)
+    recorder.followed(lost)
+    recorder.stop()
+    other = recorder.start(plan())
+    recorder.stop()
+    first, second = csv.DictReader((tmp_path / flight_id / "followed.csv").open())
+
+    assert FlightFolder.open(tmp_path / flight_id).name == flight_id
+    assert (first["u_px"], first["moving"], first["vel_e_m_s"], first["reason"]) == ("10.25", "1", "-4.000", "")
+    assert (second["u_px"], second["moving"], second["reason"]) == ("", "", "not seen")
+    assert not (tmp_path / other / "followed.csv").exists()
 
 
 def test_only_one_recording_at_a_time(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 import asyncio
 import sqlite3
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, closing
 from pathlib import Path
 
 import pytest
@@ -12,7 +12,8 @@ from sqlalchemy import text
 from backend.errors import StartError, TargetChangedError, UnknownTargetError
 from backend.store.database import Database
 from backend.store.lock import DataDirLock
-from backend.store.targets import Target, TargetChange, TargetStore
+from backend.store.models import TargetRow
+from backend.store.targets import Target, TargetChange, TargetStore, TrackUpdate
 
 
 def target(name: str, created_us: int = 1) -> Target:
@@ -50,6 +51,38 @@ async def test_changes_and_deletions_reach_the_file(tmp_path: Path) -> None:
         assert store.all() == [changed]
 
     assert (changed.name, changed.lat_deg, changed.method, changed.var_n_m2) == ("new", 1.0, "manual", None)
+
+
+async def test_a_followed_target_has_its_last_sighting_after_a_restart(tmp_path: Path) -> None:
+    """The file is one of schema 2, which knew nothing of following."""
+    columns = [name for name in TargetRow.__table__.columns.keys() if name.startswith(("track_", "vel_", "var_vel"))]  # noqa: SIM118
+    async with opened(tmp_path / "s.db") as store:
+        await store.add(target("a"))
+    with closing(sqlite3.connect(tmp_path / "s.db")) as connection:
+        for name in [*columns, "seen_unix_us", "moving", "cov_vel_ne_m2_s2"]:
+            connection.execute(f"ALTER TABLE targets DROP COLUMN {name}")
+        connection.execute("PRAGMA user_version = 2")
+    update = TrackUpdate(
+        "seen", None, 7, 48.0, 9.0, 401.0, 4.0, 5.0, 0.5, 6.0, True, 3.0, -4.0, 0.1, 0.2, 0.01
+    )  # fmt: skip
+    async with opened(tmp_path / "s.db") as store:
+        before = store.get("a")
+        seen = await store.track("a", update, now_us=11)
+        lost = await store.set_track("a", "lost", "not seen", now_us=12)
+    async with opened(tmp_path / "s.db") as store:
+        kept = store.get("a")
+        moved = await store.change("a", TargetChange(position_deg=(1.0, 2.0)), None, now_us=13)
+
+    assert before == target("a")
+    assert (seen.method, seen.version, seen.followed, seen.lat_deg) == ("followed", 2, True, 48.0)
+    assert (seen.frame_id, seen.u_px, seen.t_unix_us) == (
+        2**40,
+        1.5,
+        1_760_000_000_123_456,
+    )  # the click's, for evidence
+    assert kept == lost
+    assert (kept.track_reason, kept.vel_n_m_s, kept.vel_e_m_s, kept.moving) == ("not seen", 3.0, -4.0, True)
+    assert (moved.vel_n_m_s, moved.moving, moved.seen_unix_us, moved.method) == (None, None, None, "manual")
 
 
 async def test_of_many_changes_to_one_version_one_wins(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from backend.video.catch_up import pictures_after
 from backend.video.errors import FrameNotFoundError, UndecodableFrameError
 from backend.video.jpeg import encode_jpeg
 from backend.video.ring import FrameRing
@@ -83,3 +84,41 @@ def test_jpeg_frames_are_handed_out_as_they_are() -> None:
 
     assert ring.jpeg(1000) == payload
     assert number_in(ring.image(1000)) == 5
+
+
+def test_who_begins_late_sees_everything_since_in_steps() -> None:
+    ring = filled()
+    pictures = pictures_after(ring, 1013, 100_000)
+    first = [next(pictures) for _ in range(3)]
+    rest = list(pictures)
+
+    # 40 ms apart: at least 100 ms are three frames
+    assert [frame.frame_id for frame, _ in first] == [1016, 1019, 1022]
+    assert [number_in(image) for _, image in first] == [16, 19, 22]
+    assert rest[-1][0].frame_id == 1097
+    assert [number_in(image) for _, image in rest] == list(range(25, 100, 3))
+
+
+def test_frames_that_come_meanwhile_are_seen_too_and_those_gone_end_it() -> None:
+    ring = FrameRing()
+    for frame in FRAMES[:20]:
+        ring.append(frame)
+    pictures = pictures_after(ring, 1000, 400_000)
+    seen = [next(pictures)[0].frame_id]
+    for frame in FRAMES[20:40]:
+        ring.append(frame)
+    seen += [frame.frame_id for frame, _ in pictures]
+
+    assert seen == [1010, 1020, 1030]
+    assert list(pictures_after(ring, 5, 0)) == []
+    with pytest.raises(FrameNotFoundError):
+        ring.after(5)
+
+
+def test_jpeg_frames_are_caught_up_with_as_well() -> None:
+    ring = FrameRing()
+    for n, frame in enumerate(FRAMES[:6]):
+        jpeg = encode_jpeg(np.asarray(picture_with_number(n)))
+        ring.append(replace(frame, codec="jpeg", key=True, payload=jpeg))
+
+    assert [number_in(image) for _, image in pictures_after(ring, 1001, 0)] == [2, 3, 4, 5]

@@ -1,0 +1,1 @@
+"""Clicked targets followed from picture to picture: one thread a vehicle beside the estimator's."""
