@@ -32,7 +32,7 @@ GROUPS_WITHOUT_STRUCTURE = tuple(group for group in NavigatorConfig().groups if 
 REFUSALS = ("max_outlier_probability", "min_unimodality", "max_lost_probability", "max_innovation_sigmas", "evidence")
 NAVIGATION = (
     *HEADLINE,
-    Column("NIS / dof", "nis_per_dof"),
+    Column("NIS / dof of fixes", "nis_of_fixes"),
     Column("inside 50 %", "inside_50", 0, percent=True),
     Column("90 %", "inside_90", 0, percent=True),
     Column("95 %", "inside_95", 0, percent=True),

@@ -123,7 +123,7 @@ def drift_figures(runs: Sequence[dict[float, Float]]) -> dict[str, Any]:
 
 
 def innovation_figures(runs: Sequence[dict[str, dict[str, float]]]) -> dict[str, Any]:
-    """Mean normalised innovation squared per degree of freedom, of all measurements together and of each kind.
+    """Mean normalised innovation squared per degree of freedom, of all measurements, of map fixes, and of each kind.
 
     ``runs`` are the ``innovations`` of replays' reports: ``numbers`` and ``nis_per_dof`` by kind.
     """
@@ -136,7 +136,8 @@ def innovation_figures(runs: Sequence[dict[str, dict[str, float]]]) -> dict[str,
     if not numbers:
         return {}
     by_kind = {what: sums[what] / numbers[what] for what in sorted(numbers)}
-    return {"nis_per_dof": sum(sums.values()) / sum(numbers.values()), "nis_per_dof_of": by_kind}
+    figures = {"nis_per_dof": sum(sums.values()) / sum(numbers.values()), "nis_per_dof_of": by_kind}
+    return figures | ({"nis_of_fixes": by_kind["fix"]} if "fix" in by_kind else {})
 
 
 def pooled(rows: Sequence[dict[str, float]]) -> dict[str, Any]:

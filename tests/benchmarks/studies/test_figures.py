@@ -108,4 +108,5 @@ def test_innovations_are_pooled_by_how_many_numbers_they_hold() -> None:
 
     assert figures["nis_per_dof_of"] == {"barometer": 0.5, "fix": 1.75}
     assert figures["nis_per_dof"] == pytest.approx(1.0)
+    assert figures["nis_of_fixes"] == 1.75
     assert innovation_figures([]) == {}
