@@ -135,6 +135,7 @@ async def clicked_target(body: NewTarget, vehicle: VehicleView, frame: FrameIden
     return Sighting(
         target, frame, place.state, place.setup, place.camera_uv_px, CLICK_STD_PX, place.ground, found,
         place.assumption, pointing.height_above_ground_m, place.cut.ground_std_m, place.cut.slope_std,
+        place.cut.method,
     )  # fmt: skip
 
 

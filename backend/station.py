@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import math
 import shutil
 import uuid
 from collections.abc import Coroutine
@@ -46,8 +45,10 @@ from backend.metrics import Metrics
 from backend.navigation.setup import CameraProfile, Place, build_setup, read_camera_profile
 from backend.navigation.worker import StateUpdate
 from backend.playback.replays import Replays
-from backend.recorder.folder import ClickRow, RecordingPlan
+from backend.recorder.folder import ClickRow
+from backend.recorder.plan import plan_of
 from backend.recorder.recorder import Recorder
+from backend.refining.refiner import Refiner
 from backend.schemas.geometry import NewTarget, collection_of_targets, feature_of_target
 from backend.schemas.vehicles import CommandBody, MapBody, ReplayBody
 from backend.settings import Settings
@@ -57,7 +58,6 @@ from backend.store.targets import SEEN, Target, TargetChange, TargetStore
 from backend.ticker import Ticker
 from estimator.types import FixReport, FrameSample
 from geodata.errors import GeodataError
-from geodata.flight_meta import HomeMeta, VehicleMeta
 from geodata.maps import MapKind
 
 _log = structlog.get_logger(__name__)
@@ -84,6 +84,7 @@ class Station:
             on_reports=self._on_reports,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
+        self.refiner = Refiner(lambda: self.targets, self.evidence, self.metrics, self._tell_changed)
         self.cot = CotSender(settings.cot, self._all_targets, self.metrics)
         self.following = Following(
             lambda: self.targets, self.vehicle, lambda: self.camera, self.hub, self.recorder, self.metrics,
@@ -125,8 +126,9 @@ class Station:
             self._database = await Database.open(self.settings.data_dir / "station.db")
             self._targets = await TargetStore.load(self._database)
             self._target_names = len(self._targets.all())
-            await self.evidence.tidy([target.id for target in self._targets.all()])
+            await self.evidence.tidy({target.id: target.version for target in self._targets.all()})
             await self.following.start()
+            await self.refiner.start()
             await self.maps.choose(self.settings.map)
             self.links = [
                 LinkEndpoint(text, self.fleet, self.metrics, self.recorder.packet) for text in self.settings.mavlink
@@ -160,6 +162,7 @@ class Station:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         if self._targets is not None:
             await self.following.close()
+        await self.refiner.close()
         await self.replays.close()
         await self.cot.close()
         for link in self.links:
@@ -273,6 +276,7 @@ class Station:
         """Locate a click, or take coordinates, and keep the target; when this returns it is on the disk."""
         started_us = mono_us()
         sighting: Sighting | None = None
+        picture: bytes | None = None
         if body.frame_id is None and body.u_px is None and body.v_px is None:
             target = typed_target(body)
         else:
@@ -282,10 +286,11 @@ class Station:
                 raise InvalidRequestError("a click needs frame_id, u_px and v_px")
             vehicle = self.vehicle(body.vehicle_id)
             sighting = await clicked_target(body, vehicle, self.frame_of(vehicle, body.frame_id))
-            target = sighting.target
+            registration = None if body.track else self.refiner.prospect(sighting)
+            target = replace(sighting.target, registration=registration)
         async with self.following.starting(target.id, sighting, bool(body.track)) as begin:
             if sighting is not None:
-                await self.evidence.keep(sighting, self.feed(vehicle.video_source or ""))
+                picture = await self.evidence.keep(sighting, self.feed(vehicle.video_source or ""))
             self._target_names += 1
             name = target.name or f"Target {self._target_names}"
             target = replace(target, name=name, track_status=SEEN if body.track else None)
@@ -293,9 +298,16 @@ class Station:
             begin()
         self.metrics.stage.labels("click_to_target").observe((mono_us() - started_us) / 1e6)
         if sighting is not None and target.vehicle_id in self.fleet.vehicles:
-            self.recorder.click(ClickRow(sighting.frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name))
+            self.recorder.click(ClickRow(
+                sighting.frame.t_us, target.u_px or 0.0, target.v_px or 0.0, target.name,
+                sighting.height_above_ground_m, target.ground or "terrain",
+            ))  # fmt: skip
         self.cot.changed(target)
         self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
+        if sighting is not None and not body.track:  # where one that is followed goes, its tracker says
+            live = self.fleet.vehicles.get(vehicle.id)
+            worker = None if live is None else live.worker
+            self.refiner.take(replace(sighting, target=target), vehicle.video_source or "", picture, worker)
         return target
 
     async def _keep_row(self, target: Target) -> None:
@@ -353,7 +365,12 @@ class Station:
 
     async def start_recording(self, name: str | None) -> str:
         """Begin to record; returns the flight's id."""
-        flight_id = await asyncio.to_thread(self.recorder.start, self._plan(), name)
+        vehicle = next(iter(self.fleet.vehicles.values()), None)
+        here = None if vehicle is None else vehicle.here()
+        files = None if here is None else self.maps.files_for(here)
+        denied = any(v.gps_denied for v in self.fleet.vehicles.values())
+        plan = plan_of(vehicle, self.profile, files, denied, self.settings.time_offset_s)
+        flight_id = await asyncio.to_thread(self.recorder.start, plan, name)
         self.hub.publish("recording", **asdict(self.recorder.status))
         return flight_id
 
@@ -373,33 +390,6 @@ class Station:
         if alarm is not None:
             _log.info("alarm", code=alarm.code, vehicle=alarm.vehicle_id, active=alarm.active, text=alarm.text)
             self.hub.publish("alarm", **asdict(alarm))
-
-    def _plan(self) -> RecordingPlan:
-        vehicle = next(iter(self.fleet.vehicles.values()), None)
-        home = None if vehicle is None else vehicle.home
-        facts: dict[str, Any] = {} if vehicle is None else {"system_id": vehicle.system_id}
-        if vehicle is not None and vehicle.telemetry.vehicle_type in ("helicopter", "multirotor", "fixed_wing"):
-            facts["type"] = vehicle.telemetry.vehicle_type
-        meta = VehicleMeta(**facts)
-        here = None if vehicle is None else vehicle.here()
-        files = None if here is None else self.maps.files_for(here)
-        profile = self.profile
-        return RecordingPlan(
-            vehicle=meta,
-            camera=None if profile is None else profile.camera,
-            home=None if home is None else HomeMeta(
-                lat_deg=math.degrees(home.lat_rad), lon_deg=math.degrees(home.lon_rad),
-                alt_amsl_m=home.alt_amsl_m,
-            ),
-            reference=None if files is None else files.reference,
-            elevation=None if files is None else files.elevation,
-            map_offset_ne_m=(0.0, 0.0) if profile is None else profile.map.offset_ne_m,
-            ground_alt_amsl_m=None if profile is None else profile.map.ground_alt_amsl_m,
-            gps_denied=any(v.gps_denied for v in self.fleet.vehicles.values()),
-            t_start_us=unix_us(),
-            # what was configured is in the frame times already
-            time_offset_s=None if self.settings.time_offset_s is None else 0.0,
-        )  # fmt: skip
 
     def _on_heard(self, vehicle: LiveVehicle) -> None:
         if self.camera is not None:

@@ -22,7 +22,7 @@ from geodata.raster import open_raster, write_geotiff
 MAP_GSD_M, MAP_SIDE_PX = 0.25, 4000  # 1 km2
 START_S, END_S = 120.0, 10.0
 Found = TypeVar("Found")
-_ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+")
+ADDRESS = re.compile(r"http://127\.0\.0\.1:\d+")
 
 
 class CannotFlyError(Exception):
@@ -68,15 +68,15 @@ def flying_station(folder: Path, seed: int = 5) -> Iterator[FlyingStation]:
             "--camera", str(world / "flight.json"), "--mavlink", f"udpin:127.0.0.1:{mavlink_port}",
             "--video", f"udp://127.0.0.1:{video_port}",
         ]  # fmt: skip
-        station, said = stack.enter_context(_started(serve, folder / "station.log"))
-        address = _wait_for(lambda: _ADDRESS.search(said.read_text()), station, said)[0]
+        station, said = stack.enter_context(started(serve, folder / "station.log"))
+        address = wait_for(lambda: ADDRESS.search(said.read_text()), station, said)[0]
         fly = [
             "sim", "demo", "--seed", str(seed), "--mavlink", f"udpout:127.0.0.1:{mavlink_port}",
             "--video", f"udp://127.0.0.1:{video_port}",
         ]  # fmt: skip
-        simulator, its_words = stack.enter_context(_started(fly, folder / "simulator.log"))
+        simulator, its_words = stack.enter_context(started(fly, folder / "simulator.log"))
         flying = FlyingStation(address, station.pid)
-        _wait_for(lambda: _mode_of(flying), simulator, its_words)
+        wait_for(lambda: _mode_of(flying), simulator, its_words)
         yield flying
 
 
@@ -117,7 +117,8 @@ def _run_to_end(arguments: list[str]) -> None:
 
 
 @contextlib.contextmanager
-def _started(arguments: list[str], log: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+def started(arguments: list[str], log: Path) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A command that runs until the end of the block, and the file of what it says."""
     with log.open("wb") as out:
         process = subprocess.Popen(command(arguments), stdin=subprocess.DEVNULL, stdout=out, stderr=out)
     try:
@@ -131,7 +132,8 @@ def _started(arguments: list[str], log: Path) -> Iterator[tuple[subprocess.Popen
             process.wait()
 
 
-def _wait_for(look: Callable[[], Found | None], process: subprocess.Popen[bytes], log: Path) -> Found:
+def wait_for(look: Callable[[], Found | None], process: subprocess.Popen[bytes], log: Path) -> Found:
+    """What ``look`` gives once it gives something; CannotFlyError where the process ends or it takes too long."""
     deadline = time.monotonic() + START_S
     while time.monotonic() < deadline:
         found = look()

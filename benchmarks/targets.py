@@ -72,9 +72,14 @@ def _miss(what: str, row: dict[str, str], known: dict[str, TargetTruth]) -> Miss
     truth = known.get(row["target"])
     if truth is None:
         return None
+    return miss_of(what, truth, float(row["lat_deg"]), float(row["lon_deg"]), float(row["ce90_m"]))
+
+
+def miss_of(what: str, truth: TargetTruth, lat_deg: float, lon_deg: float, ce90_m: float) -> Miss:
+    """How far a coordinate, given with its CE90, is off the truth."""
     local = LocalFrame(truth.lat_rad, truth.lon_rad, 0.0)
-    north, east = local.ne_from_geodetic(math.radians(float(row["lat_deg"])), math.radians(float(row["lon_deg"])))
-    return Miss(what, float(north), float(east), float(row["ce90_m"]))
+    north, east = local.ne_from_geodetic(math.radians(lat_deg), math.radians(lon_deg))
+    return Miss(what, float(north), float(east), ce90_m)
 
 
 def summary(found: Iterable[Miss]) -> dict[str, dict[str, float]]:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import bisect
 import heapq
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.geometry.rotation import matrix_from_q, q_multiply, q_slerp, rotvec_from_q
 from estimator.types import Float, InertialSample, NavigationState, Sample
+
+MOST_CORRECTED_US = 600_000_000
+"""Of a whole flight's history the states of so long are kept with their predictions."""
 
 
 class SampleQueue:
@@ -149,6 +152,14 @@ class SampleRate:
         return (len(times) - 1) / max((times[-1] - times[0]) / 1e6, 1e-6)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Corrected:
+    """A state as predicted, and as it was after what was measured at its time."""
+
+    before: NavigationState
+    after: NavigationState
+
+
 class StateHistory:
     """States over time, interpolated; keeps the last ``keep_s`` seconds."""
 
@@ -156,6 +167,8 @@ class StateHistory:
         self._t_us: list[int] = []
         self._states: list[NavigationState] = []
         self._keep_us = int(keep_s * 1e6)
+        self._predicted: NavigationState | None = None
+        self._corrected: list[Corrected] = []
 
     def add(self, state: NavigationState) -> None:
         """Add the newest state; of several at one time the last one counts."""
@@ -164,9 +177,27 @@ class StateHistory:
             self._states.pop()
         self._t_us.append(state.t_us)
         self._states.append(state)
+        self._note_correction(state)
         if self._t_us[0] < state.t_us - self._keep_us - 5_000_000:
             keep = bisect.bisect_left(self._t_us, state.t_us - self._keep_us)
             del self._t_us[:keep], self._states[:keep]
+
+    def expect(self, predicted: NavigationState) -> None:
+        """What the state was before what is measured at its time; `add` follows with the state after that."""
+        self._predicted = predicted
+
+    def _note_correction(self, state: NavigationState) -> None:
+        predicted, self._predicted = self._predicted, None
+        if predicted is None or predicted.t_us != state.t_us:
+            return
+        self._corrected.append(Corrected(predicted, state))
+        first_us = state.t_us - min(self._keep_us, MOST_CORRECTED_US)
+        if self._corrected[0].after.t_us < first_us - 5_000_000:
+            self._corrected = [each for each in self._corrected if first_us <= each.after.t_us <= state.t_us]
+
+    def corrected(self) -> list[Corrected]:
+        """The states of pictures and fixes, before and after those. May be asked by any thread."""
+        return self._corrected.copy()
 
     def at(self, t_us: int) -> NavigationState | None:
         """The state at a time inside the kept span, None outside it."""

@@ -58,7 +58,8 @@ __all__ = ["GROUPS", "Navigator", "NavigatorConfig", "Outlook"]
 class Navigator:
     """Fuses the samples of one vehicle. Not thread-safe: one owner calls it.
 
-    ``while_busy`` is entered with an `Outlook` for as long as a picture is worked on, tens of milliseconds.
+    ``corrected`` gives any thread the past, for `estimator.smoothing`. ``while_busy`` is entered with an `Outlook` for
+    as long as a picture is worked on, tens of milliseconds.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class Navigator:
         self._queue = SampleQueue()
         self._attitudes = AttitudeTrack()
         self._history = StateHistory(config.history_s)
+        self.corrected = self._history.corrected
         guess = config.initial
         if Gimbal(gimbal) is not Gimbal.FIXED:
             guess = replace(guess, boresight_std_rad=guess.gimbal_error_std_rad)
@@ -246,6 +248,8 @@ class Navigator:
         if isinstance(sample, InertialSample):
             self._inertial_rate.note(sample.t_us)
         self._predict_to(sample.t_us)
+        if isinstance(sample, FrameSample | GnssSample | AlignmentSample):
+            self._history.expect(self._snapshot(self._eskf, sample.t_us))
         report = None
         match sample:
             case BarometerSample():
@@ -264,7 +268,7 @@ class Navigator:
                 pass
         if report is not None and report.accepted:
             self._last_us["accepted"] = sample.t_us
-        if isinstance(sample, FrameSample | AttitudeSample | GnssSample):
+        if isinstance(sample, FrameSample | AttitudeSample | GnssSample | AlignmentSample):
             self._history.add(self._snapshot(self._eskf, sample.t_us))
         return report
 
@@ -466,8 +470,7 @@ class Navigator:
             return Mode.GPS
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
-        age_s = self._fix_age_s(t_us)
-        if age_s <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
+        if self._fix_age_s(t_us) <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
             return Mode.VISION
         return Mode.DEAD_RECKONING
 

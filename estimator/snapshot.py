@@ -37,6 +37,7 @@ def snapshot(
     lens = eskf.layout.jacobian(3, position=np.eye(3), attitude=-skew(lever_ned_m))
     T = np.vstack((lens, camera_rotation_jacobian(camera, eskf), eskf.layout.jacobian(1, ground_bias=np.ones((1, 2)))))
     cov = T @ eskf.P @ T.T
+    motion_rows = np.vstack((np.eye(9, eskf.layout.size), T[6:]))
     has_boresight = eskf.layout.has("boresight")
     return NavigationState(
         t_us=given.t_us,
@@ -62,6 +63,7 @@ def snapshot(
         lever_ned_m=lever_ned_m,
         ground_bias_m=eskf.nominal.ground_bias_m,
         cov_ground_bias=cov[6] if eskf.layout.has("ground_bias") else None,
+        cov_motion=motion_rows @ eskf.P @ motion_rows.T,
     )
 
 

@@ -195,6 +195,7 @@ class NavigationState:
     ``lever_ned_m`` (3,) leads from the vehicle's position to the lens. ``ground_bias_m`` is how far what is seen about
     here lies below the ground model, ``cov_ground_bias`` (7,) its covariance with the six of the camera's pose and its
     own variance, None where it is not estimated.
+    ``cov_motion`` (10, 10) is of position, velocity, attitude and ground bias together, None where it is not kept.
     ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
     gimbal frame from the stated mount to the true one; None where it is not estimated.
     """
@@ -222,6 +223,7 @@ class NavigationState:
     lever_ned_m: Float = field(default_factory=lambda: np.zeros(3))
     ground_bias_m: float = 0.0
     cov_ground_bias: Float | None = None
+    cov_motion: Float | None = None
 
     @property
     def lens_ned_m(self) -> Float:

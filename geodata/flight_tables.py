@@ -22,6 +22,9 @@ from geodata.errors import FlightFolderError
 
 FRAME_COLUMNS = ("frame", "time_us")
 CLICK_COLUMNS = ("time_us", "u_px", "v_px", "target")
+POINTING_COLUMNS = ("height_above_ground_m", "ground")
+"""Of ``clicks.csv``, where they are not all at the terrain."""
+GROUNDS = ("terrain", "flat")
 TRUTH_COLUMNS = (
     *("time_us", "lat_deg", "lon_deg", "alt_amsl_m"),
     *("roll_deg", "pitch_deg", "yaw_deg", "vn_mps", "ve_mps", "vd_mps"),
@@ -66,12 +69,17 @@ class Truth:
 
 @dataclass(frozen=True, slots=True)
 class Click:
-    """One click on the recorded video; ``t_video_us`` is the frame's time on the video clock."""
+    """One click on the recorded video; ``t_video_us`` is the frame's time on the video clock.
+
+    What was clicked stands ``height_above_ground_m`` above the ``ground``: the terrain, or level ground ("flat").
+    """
 
     t_video_us: int
     u_px: float
     v_px: float
     target: str
+    height_above_ground_m: float = 0.0
+    ground: str = "terrain"
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,12 +294,18 @@ def parse_rows(table: Table, parse: Callable[[Table, TableRow], Item], warn: Cal
 
 
 def parse_click(table: Table, row: TableRow) -> Click:
-    """One click."""
+    """One click; columns of ``POINTING_COLUMNS`` may be missing or empty."""
+    height, ground = (row.cells.get(column, "") for column in POINTING_COLUMNS)
+    if ground not in ("", *GROUNDS):
+        where = f"line {row.line}, column ground"
+        raise FlightFolderError(table.path, f"{ground!r} is no ground", f"use {' or '.join(GROUNDS)}", field=where)
     return Click(
         parse_time_us(table, row, "time_us"),
         parse_number(table, row, "u_px"),
         parse_number(table, row, "v_px"),
         row.cells["target"],
+        parse_number(table, row, "height_above_ground_m") if height else 0.0,
+        ground or "terrain",
     )
 
 

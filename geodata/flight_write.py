@@ -13,6 +13,7 @@ from geodata.flight_meta import FlightMeta
 from geodata.flight_tables import (
     CLICK_COLUMNS,
     FRAME_COLUMNS,
+    POINTING_COLUMNS,
     TARGET_COLUMNS,
     TRUTH_COLUMNS,
     Click,
@@ -76,7 +77,10 @@ def write_frames_csv(path: str | os.PathLike[str], frames: FrameTimes) -> None:
 
 def write_clicks_csv(path: str | os.PathLike[str], clicks: Iterable[Click]) -> None:
     """Write ``clicks.csv``."""
-    _write_rows(path, CLICK_COLUMNS, ((c.t_video_us, round(c.u_px, 3), round(c.v_px, 3), c.target) for c in clicks))
+    rows = (
+        (c.t_video_us, round(c.u_px, 3), round(c.v_px, 3), c.target, c.height_above_ground_m, c.ground) for c in clicks
+    )
+    _write_rows(path, (*CLICK_COLUMNS, *POINTING_COLUMNS), rows)
 
 
 def write_targets_truth_csv(path: str | os.PathLike[str], targets: Iterable[TargetTruth]) -> None:

@@ -61,7 +61,7 @@ def _tell(path: Path, bundle: Bundle, verdict: Verdict) -> None:
     if bundle.status is not None:
         typer.echo(f"  note of the station: {bundle.status}")
     cov_stated = [[value or 0.0 for value in row] for row in stated.cov_ned_m2]
-    _tell_place("stated    ", stated.lat_deg, stated.lon_deg, stated.alt_amsl_m, cov_stated, stated.ray_method)
+    _tell_place("stated    ", stated.lat_deg, stated.lon_deg, stated.alt_amsl_m, cov_stated, stated.method)
     _tell_place(
         "recomputed", math.degrees(found.lat_rad), math.degrees(found.lon_rad), found.alt_amsl_m,
         found.cov_ned_m2.tolist(), found.method,
@@ -70,6 +70,12 @@ def _tell(path: Path, bundle: Bundle, verdict: Verdict) -> None:
         f"  distance   {verdict.distance_m:.6f} m, {verdict.distance_sigmas:.6f} sigmas; "
         f"covariances differ by {verdict.cov_change:.1e}"
     )
+    if evidence.placement is not None:
+        placed = evidence.placement
+        typer.echo(
+            f"  placement  by {placed.by}, {math.hypot(*placed.correction[:2]):.2f} m from where the pose had it, "
+            f"outlier probability {placed.outlier_probability:.2f}"
+        )
     if evidence.picture.file is None:
         typer.echo(f"  picture    none: {evidence.picture.problem}")
     elif bundle.picture is None:

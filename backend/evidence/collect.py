@@ -20,6 +20,7 @@ from backend.evidence.schema import (
     GroundPart,
     MountPart,
     PicturePart,
+    PlacementPart,
     ProgramPart,
     ResultPart,
     StatePart,
@@ -29,15 +30,29 @@ from backend.fleet.feed import FrameIdentity
 from backend.navigation.setup import NavigationSetup
 from backend.store.targets import Target
 from estimator.navigator_config import NavigatorConfig
+from estimator.registration.placement import Placement
+from estimator.targets.fusion import FusedTarget, FusionConfig
 from estimator.targets.ray import MAX_RANGE_M, SLOPE_STEP_M, RayTarget
 from estimator.types import Float, NavigationState
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RegisteredPart:
+    """How a clicked picture lies on the map, and where the pixel is by ray and registration together."""
+
+    placed: Placement
+    map_offset_std_m: float
+    fusion: FusionConfig
+    fused: FusedTarget
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
     """A located click and what it was computed from. ``ground`` has seen where the computation looked.
 
-    ``ground_std_m`` and ``slope_std`` are the errors of its height and slope (one sigma) in the covariance.
+    ``ray_method`` is that of the ray in a target's words; ``registered`` is there where the coordinate is not the ray's
+    alone, and ``corrected`` says that the state was corrected by later fixes. ``ground_std_m`` and ``slope_std`` are
+    the errors of its height and slope (one sigma) in the covariance.
     """
 
     target: Target
@@ -52,6 +67,9 @@ class Sighting:
     height_above_ground_m: float
     ground_std_m: float
     slope_std: float
+    ray_method: str
+    registered: RegisteredPart | None = None
+    corrected: bool = False
 
 
 def evidence_of(
@@ -62,6 +80,9 @@ def evidence_of(
     camera, mount, place = setup.camera, setup.mount, setup.frame
     u_px, v_px = sighting.camera_uv_px
     lens = sighting.state.lens_ned_m
+    part = sighting.registered
+    pos_ned_m = found.pos_ned_m if part is None else part.fused.pos_ned_m
+    cov_ned_m2 = found.cov_ned_m2 if part is None else part.fused.cov_ned_m2
     return Evidence(
         program=ProgramPart(name="pilotage", version=version),
         target=TargetPart(id=target.id, version=target.version, created_unix_us=target.created_unix_us),
@@ -74,7 +95,7 @@ def evidence_of(
             u_px=target.u_px or 0.0, v_px=target.v_px or 0.0, camera_u_px=u_px, camera_v_px=v_px,
             std_px=sighting.pixel_std_px,
         ),
-        state=_state(sighting.state, sighting.assumption),
+        state=_state(sighting.state, sighting.assumption, sighting.corrected),
         camera=CameraPart(
             width_px=camera.width_px, height_px=camera.height_px, fx_px=camera.fx_px, fy_px=camera.fy_px,
             cx_px=camera.cx_px, cy_px=camera.cy_px, distortion=list(camera.distortion),
@@ -92,17 +113,19 @@ def evidence_of(
         files=files,
         calibration=_calibration(sighting.state),
         picture=_picture(picture),
+        placement=None if part is None else _placement(part),
         result=ResultPart(
-            lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=float(found.alt_amsl_m),
-            pos_ned_m=found.pos_ned_m.tolist(), cov_ned_m2=_matrix(found.cov_ned_m2), ray_method=found.method,
+            lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=target.alt_amsl_m or 0.0,
+            pos_ned_m=pos_ned_m.tolist(), cov_ned_m2=_matrix(cov_ned_m2), ray_method=found.method,
             method=target.method,
         ),
     )  # fmt: skip
 
 
-def _state(state: NavigationState, assumption: str | None) -> StatePart:
+def _state(state: NavigationState, assumption: str | None, corrected: bool) -> StatePart:
     return StatePart(
         t_unix_us=state.t_us, mode=str(state.mode), process_model=state.process_model, assumption=assumption,
+        corrected_by_later_fixes=corrected,
         lat_rad=float(state.lat_rad), lon_rad=float(state.lon_rad), alt_amsl_m=float(state.alt_amsl_m),
         alt_agl_m=_known(state.alt_agl_m), pos_ned_m=state.pos_ned_m.tolist(),
         vel_ned_m_s=[_known(value) for value in state.vel_ned_m_s],
@@ -111,6 +134,16 @@ def _state(state: NavigationState, assumption: str | None) -> StatePart:
         last_fix_age_s=_known(state.last_fix_age_s), doubts=[str(doubt) for doubt in state.doubts],
         lever_ned_m=state.lever_ned_m.tolist(), ground_bias_m=float(state.ground_bias_m),
         cov_ground_bias=None if state.cov_ground_bias is None else state.cov_ground_bias.tolist(),
+    )  # fmt: skip
+
+
+def _placement(part: RegisteredPart) -> PlacementPart:
+    placed, fusion = part.placed, part.fusion
+    return PlacementPart(
+        by=placed.by, centre_ned_m=placed.centre_ned_m.tolist(), pos_ned_m=placed.pos_ned_m.tolist(),
+        ned_from_camera=placed.ned_from_camera.tolist(), correction=placed.correction.tolist(),
+        cov=placed.cov.tolist(), map_std_m=placed.map_std_m, outlier_probability=placed.outlier_probability,
+        map_offset_std_m=part.map_offset_std_m, cross=fusion.cross, pose_inflation=fusion.pose_inflation,
     )  # fmt: skip
 
 

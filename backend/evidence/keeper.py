@@ -1,4 +1,4 @@
-"""Evidence on the disk, one bundle a target.
+"""Evidence on the disk, one bundle a target, and one more for each version that was located better (``ID@VERSION``).
 
 A bundle is there before its target's row and goes after it, under a name that says which of the two steps it is in, so
 that a start after a crash can tell: ``.new`` without a row was never acknowledged, ``.deleting`` without a row has been
@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from collections.abc import Collection
+from collections.abc import Mapping
 from pathlib import Path
 
 import structlog
@@ -28,6 +28,7 @@ from geodata.flight_write import write_atomically
 
 KEPT, NEW, DELETING = ".zip", ".new", ".deleting"
 FIRST_VERSION = 1  # of the click, which is located before anything else happens to a target
+AGAIN = "@"
 _log = structlog.get_logger(__name__)
 
 
@@ -46,28 +47,33 @@ class EvidenceKeeper:
         for file in setup.files:
             await asyncio.to_thread(self._hashes.of, file)
 
-    async def keep(self, sighting: Sighting, feed: VideoFeed) -> None:
+    async def keep(self, sighting: Sighting, feed: VideoFeed) -> bytes | None:
         """Write the evidence of a target whose row comes next; `confirm` follows when that is kept.
+
+        Returns the picture, a JPEG, None where it is no longer held.
 
         Raises
         ------
         TargetNotKeptError
             The folder cannot be written. Nothing of the bundle is left.
         """
-        picture, files = await asyncio.gather(
-            _picture(feed, sighting.frame.frame_id),
-            asyncio.gather(*(self._described(file) for file in sighting.setup.files)),
-        )
-        await asyncio.to_thread(self._write, sighting, feed.source, files, picture)
+        picture = await _picture(feed, sighting.frame.frame_id)
+        await self.keep_again(sighting, feed.source, picture)
+        return picture
 
-    async def confirm(self, target_id: str) -> None:
+    async def keep_again(self, sighting: Sighting, source: str, picture: bytes | None) -> None:
+        """The same for the next version of a target, whose ``picture`` is at hand; what is kept of others stays."""
+        files = await asyncio.gather(*(self._described(file) for file in sighting.setup.files))
+        await asyncio.to_thread(self._write, sighting, source, files, picture)
+
+    async def confirm(self, target_id: str, version: int = 1) -> None:
         """The target's row is kept."""
         with contextlib.suppress(OSError):  # the name of before is found as well
-            await asyncio.to_thread(self._path(target_id, NEW).rename, self._path(target_id, KEPT))
+            await asyncio.to_thread(self._path(target_id, NEW, version).rename, self._path(target_id, KEPT, version))
 
-    async def discard(self, target_id: str) -> None:
+    async def discard(self, target_id: str, version: int = 1) -> None:
         """The target's row could not be kept."""
-        await asyncio.to_thread(self._remove, target_id, NEW)
+        await asyncio.to_thread(self._remove, self._path(target_id, NEW, version))
 
     async def before_deletion(self, target_id: str) -> None:
         """The target's row is to be deleted; `deleted` or `not_deleted` follows. TargetNotKeptError: cannot be done."""
@@ -78,7 +84,8 @@ class EvidenceKeeper:
 
     async def deleted(self, target_id: str) -> None:
         """The target's row is deleted."""
-        await asyncio.to_thread(self._remove, target_id, DELETING)
+        for path in await asyncio.to_thread(self._paths, target_id, DELETING):
+            await asyncio.to_thread(self._remove, path)
 
     async def not_deleted(self, target_id: str) -> None:
         """The target's row is still there."""
@@ -97,14 +104,18 @@ class EvidenceKeeper:
         """
         if target.frame_id is None:
             raise NoEvidenceError(target.id, "it was typed in; only what is clicked on a picture is computed")
-        data = await asyncio.to_thread(self._read, target.id)
-        if data is None:
+        every = await asyncio.to_thread(self._read, target.id)
+        kept = {number: data for number, data in every.items() if number <= target.version}
+        if not kept:
             raise NoEvidenceError(target.id, "none was kept: it was located by an older version, or the file is gone")
-        bundle = await asyncio.to_thread(unpack, data, f"evidence of target '{target.id}' (kept by the station)")
-        proven = bundle.evidence.target.version
+        newest = max(kept)
+        proven = version if version in kept and version is not None else newest
+        name = f"evidence of target '{target.id}' (kept by the station)"
+        bundle = await asyncio.to_thread(unpack, kept[proven], name)
         if version is not None and version not in (proven, target.version):
-            raise NoEvidenceError(target.id, f"there is evidence of version {proven} only, not of version {version}")
-        moved = _moved(target, bundle)
+            which = f"version {newest} only" if len(kept) == 1 else f"versions {', '.join(map(str, sorted(kept)))} only"
+            raise NoEvidenceError(target.id, f"there is evidence of {which}, not of version {version}")
+        moved = _moved(target, bundle, proven == newest)
         if moved is None:
             return bundle
         if version != proven:
@@ -118,10 +129,10 @@ class EvidenceKeeper:
         """The version that a target's click had, where following has moved it since; None for others."""
         return FIRST_VERSION if target.method == FOLLOWED else None
 
-    async def tidy(self, target_ids: Collection[str]) -> None:
-        """At the start: finish what a crash cut off; ``target_ids`` are those that have a row."""
+    async def tidy(self, versions: Mapping[str, int]) -> None:
+        """At the start: finish what a crash cut off; ``versions`` are those of the targets that have a row."""
         try:
-            await asyncio.to_thread(self._tidy, frozenset(target_ids))
+            await asyncio.to_thread(self._tidy, versions)
         except OSError as error:
             _log.warning("evidence not tidied", folder=str(self.folder), error=str(error))
 
@@ -135,56 +146,66 @@ class EvidenceKeeper:
             source_sha256=None if record is None else record.sha256, problem=found.problem,
         )  # fmt: skip
 
-    def _path(self, target_id: str, step: str) -> Path:
-        return self.folder / f"{target_id}{step}"
+    def _path(self, target_id: str, step: str, version: int = 1) -> Path:
+        return self.folder / (f"{target_id}{step}" if version == 1 else f"{target_id}{AGAIN}{version}{step}")
+
+    def _paths(self, target_id: str, step: str) -> list[Path]:
+        """What there is of a target in a step, of all its versions."""
+        first = self._path(target_id, step)
+        return [*([first] if first.exists() else []), *sorted(self.folder.glob(f"{target_id}{AGAIN}*{step}"))]
 
     def _write(self, sighting: Sighting, source: str, files: list[FileUsedPart], picture: bytes | None) -> None:
         evidence = evidence_of(sighting, source, files, picture, self._version)
         data = pack(document_of(evidence), picture)
-        path = self._path(sighting.target.id, NEW)
+        path = self._path(sighting.target.id, NEW, sighting.target.version)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             write_atomically(path, data)
             _sync_folder(self.folder)
         except OSError as error:
-            self._remove(sighting.target.id, NEW)
+            self._remove(path)
             raise TargetNotKeptError(f"evidence: {_words(error)}") from None
 
-    def _read(self, target_id: str) -> bytes | None:
-        for step in (KEPT, NEW):
-            try:
-                return self._path(target_id, step).read_bytes()
-            except (FileNotFoundError, NotADirectoryError):
-                continue
-            except OSError as error:
-                raise BundleError(f"evidence of target '{target_id}'", f"cannot be read: {_words(error)}") from None
-        return None
+    def _read(self, target_id: str) -> dict[int, bytes]:
+        """The bytes of each version that is kept."""
+        found: dict[int, bytes] = {}
+        for step in (NEW, KEPT):
+            for path in self._paths(target_id, step):
+                try:
+                    found[_version_of(path)] = path.read_bytes()
+                except (FileNotFoundError, NotADirectoryError):
+                    continue
+                except OSError as error:
+                    name = f"evidence of target '{target_id}'"
+                    raise BundleError(name, f"cannot be read: {_words(error)}") from None
+        return found
 
     def _rename(self, target_id: str, steps: tuple[str, ...], to: str) -> None:
         for step in steps:
-            with contextlib.suppress(FileNotFoundError, NotADirectoryError):
-                self._path(target_id, step).rename(self._path(target_id, to))
+            for path in self._paths(target_id, step):
+                with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+                    path.rename(path.with_suffix(to))
 
-    def _remove(self, target_id: str, step: str) -> None:
+    def _remove(self, path: Path) -> None:
         try:
-            self._path(target_id, step).unlink(missing_ok=True)
+            path.unlink(missing_ok=True)
         except NotADirectoryError:
             return
         except OSError as error:  # the next start tries again
-            _log.warning("evidence not removed", target=target_id, error=str(error))
+            _log.warning("evidence not removed", file=str(path), error=str(error))
 
-    def _tidy(self, target_ids: frozenset[str]) -> None:
+    def _tidy(self, versions: Mapping[str, int]) -> None:
         if not self.folder.is_dir():
             return
         for path in self.folder.iterdir():
             if path.name.startswith(".") and path.suffix == ".partial":
                 path.unlink()
             elif path.suffix in (NEW, DELETING):
-                if path.stem in target_ids:
+                if versions.get(_target_of(path), 0) >= _version_of(path):
                     path.rename(path.with_suffix(KEPT))
                 else:
                     path.unlink()
-            elif path.suffix == KEPT and path.stem not in target_ids:
+            elif path.suffix == KEPT and _target_of(path) not in versions:
                 _log.warning("evidence of a target that the database does not have", file=str(path))
 
 
@@ -195,7 +216,16 @@ async def _picture(feed: VideoFeed, frame_id: int) -> bytes | None:
         return None
 
 
-def _moved(target: Target, bundle: Bundle) -> str | None:
+def _target_of(path: Path) -> str:
+    return path.stem.partition(AGAIN)[0]
+
+
+def _version_of(path: Path) -> int:
+    number = path.stem.partition(AGAIN)[2]
+    return int(number) if number.isascii() and number.isdigit() else 1
+
+
+def _moved(target: Target, bundle: Bundle, is_newest: bool) -> str | None:
     """Why the evidence does not prove the coordinate that the target has; None where it does."""
     result = bundle.evidence.result
     proven = (result.lat_deg, result.lon_deg, result.alt_amsl_m, result.method)
@@ -204,6 +234,8 @@ def _moved(target: Target, bundle: Bundle) -> str | None:
     since = f"version {bundle.evidence.target.version} (it has version {target.version} now)"
     if target.method == FOLLOWED:
         return f"it was followed after {since}, and the evidence of the click does not prove where it was seen later"
+    if not is_newest:
+        return f"it has been located better since version {bundle.evidence.target.version}"
     return f"it was moved by hand after {since}, and nothing proves where it was moved to"
 
 

@@ -16,12 +16,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from backend.errors import BundleError
 from backend.settings import describe_validation
 
-SCHEMA: Literal["pilotage.evidence/2"] = "pilotage.evidence/2"
+SCHEMA: Literal["pilotage.evidence/3"] = "pilotage.evidence/3"
 HASH_FIELD = "content_sha256"
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Vector3 = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Vector6 = Annotated[list[Finite], Field(min_length=6, max_length=6)]
 Quaternion = Annotated[list[Finite], Field(min_length=4, max_length=4)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 # Null stands for a number that nobody knew.
@@ -85,6 +86,7 @@ class StatePart(_Part):
     mode: str
     process_model: str
     assumption: str | None
+    corrected_by_later_fixes: bool
     lat_rad: Finite
     lon_rad: Finite
     alt_amsl_m: Finite
@@ -208,6 +210,27 @@ class PicturePart(_Part):
     problem: str | None
 
 
+class PlacementPart(_Part):
+    """How the picture lies on the map, found by registering it, and how that was weighed against the ray.
+
+    ``correction`` of the pose ``pos_ned_m``, ``ned_from_camera`` (rows) that was predicted, with its covariance: the
+    displacement north and east of the ground point ``centre_ned_m`` in metres, the height above it as a share, and the
+    rotation about the NED axes in radians.
+    """
+
+    by: str
+    centre_ned_m: Vector3
+    pos_ned_m: Vector3
+    ned_from_camera: Annotated[list[Vector3], Field(min_length=3, max_length=3)]
+    correction: Vector6
+    cov: Annotated[list[Vector6], Field(min_length=6, max_length=6)]
+    map_std_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    outlier_probability: Annotated[float, Field(ge=0.0, le=1.0)]
+    map_offset_std_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)]
+    cross: Annotated[float, Field(ge=0.0, le=1.0)]
+    pose_inflation: Annotated[float, Field(ge=1.0, allow_inf_nan=False)]
+
+
 class ResultPart(_Part):
     """The coordinate, its covariance (NED), and the method in the estimator's and in the target's words."""
 
@@ -223,7 +246,7 @@ class ResultPart(_Part):
 class Evidence(_Part):
     """The whole document."""
 
-    schema_name: Annotated[Literal["pilotage.evidence/2"], Field(alias="schema")] = SCHEMA
+    schema_name: Annotated[Literal["pilotage.evidence/3"], Field(alias="schema")] = SCHEMA
     program: ProgramPart
     target: TargetPart
     frame: FramePart
@@ -236,6 +259,7 @@ class Evidence(_Part):
     files: list[FileUsedPart]
     calibration: CalibrationPart | None
     picture: PicturePart
+    placement: PlacementPart | None
     result: ResultPart
 
 
@@ -269,8 +293,7 @@ def read_document(data: bytes, name: str) -> Evidence:
         raise BundleError(name, f"cannot be read as JSON: {error}") from None
     schema = content.get("schema") if isinstance(content, dict) else None
     if not isinstance(content, dict) or schema != SCHEMA:
-        known = isinstance(schema, str) and schema.startswith(SCHEMA.split("/")[0])
-        advice = "use a newer Pilotage" if known else "it is no evidence of a target"
+        advice = _advice(schema)
         raise BundleError(name, f"has the schema {schema!r}, and this Pilotage reads {SCHEMA!r}: {advice}")
     stated = content.pop(HASH_FIELD, None)
     try:
@@ -285,6 +308,15 @@ def read_document(data: bytes, name: str) -> Evidence:
         return Evidence.model_validate(content, strict=True)
     except ValidationError as error:
         raise BundleError(name, f"is not as its schema says: {describe_validation(error)[:400]}") from None
+
+
+def _advice(schema: object) -> str:
+    family, _, own = SCHEMA.partition("/")
+    if not isinstance(schema, str) or not schema.startswith(f"{family}/"):
+        return "it is no evidence of a target"
+    number = schema.removeprefix(f"{family}/")
+    older = number.isascii() and number.isdigit() and int(number[:9]) < int(own)
+    return "the Pilotage that made it reads it" if older else "use a newer Pilotage"
 
 
 def _no_constant(text: str) -> float:

@@ -10,11 +10,14 @@ import numpy as np
 
 from backend.errors import BundleError
 from backend.evidence.ground import ground_model_of
-from backend.evidence.schema import Evidence
+from backend.evidence.schema import Evidence, PlacementPart
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
 from estimator.geometry.local import LocalFrame
-from estimator.targets.ray import RayTarget, locate_ray
+from estimator.registration.placement import Placement
+from estimator.sighting import Scene, locate_click
+from estimator.targets.fusion import FusionConfig
+from estimator.targets.ray import locate_ray
 from estimator.types import Float, Mode, NavigationState
 from geodata.maps import sha256_of_file
 
@@ -27,12 +30,25 @@ EIGENVALUE_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Recomputed:
+    """The coordinate that the evidence gives, its covariance (3, 3) in NED, and by which methods."""
+
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+    pos_ned_m: Float
+    cov_ned_m2: Float
+    ray_method: str
+    method: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """What came out. ``distance_m`` is from the stated coordinate to the recomputed, ``distance_sigmas`` by its
     covariance (Mahalanobis), ``cov_change`` the largest difference of covariances over the largest variance.
     """
 
-    recomputed: RayTarget
+    recomputed: Recomputed
     distance_m: float
     distance_sigmas: float
     cov_change: float
@@ -56,7 +72,7 @@ def verify(evidence: Evidence, name: str) -> Verdict:
     cov_pose = covariance(evidence.state.cov_camera_pose, "the camera pose's covariance (state.cov_camera_pose)", name)
     _check_ground_bias(evidence, cov_pose, name)
     cov_stated = covariance(evidence.result.cov_ned_m2, "the result's covariance (result.cov_ned_m2)", name)
-    click, camera_part, place = evidence.click, evidence.camera, evidence.local_frame
+    camera_part, place = evidence.camera, evidence.local_frame
     _check_pixel(evidence, name)
     try:
         camera = Camera(
@@ -64,11 +80,7 @@ def verify(evidence: Evidence, name: str) -> Verdict:
             camera_part.cy_px, _five(camera_part.distortion),
         )  # fmt: skip
         frame = LocalFrame(place.lat_rad, place.lon_rad, place.alt_m)
-        found = locate_ray(
-            _state(evidence, cov_pose, name), camera, (click.camera_u_px, click.camera_v_px),
-            ground_model_of(evidence.ground.model), frame, evidence.ground.std_m, click.std_px,
-            evidence.ground.target_height_m, evidence.ground.max_range_m, evidence.ground.slope_std,
-        )  # fmt: skip
+        found = _recomputed(evidence, _state(evidence, cov_pose, name), camera, frame, name)
     except GeometryError as error:
         raise BundleError(name, f"gives no coordinate: {error}") from None
     except ValueError as error:
@@ -81,8 +93,42 @@ def verify(evidence: Evidence, name: str) -> Verdict:
         float(np.linalg.norm(apart)),
         math.sqrt(max(float(apart @ np.linalg.solve(cov, apart)), 0.0)),
         float(np.max(np.abs(cov_stated - cov)) / np.max(np.diag(cov))),
-        found.method == stated.ray_method,
+        found.ray_method == stated.ray_method,
     )
+
+
+def _recomputed(evidence: Evidence, state: NavigationState, camera: Camera, frame: LocalFrame, name: str) -> Recomputed:
+    click, of, part = evidence.click, evidence.ground, evidence.placement
+    uv_px, ground = (click.camera_u_px, click.camera_v_px), ground_model_of(of.model)
+    if part is None:
+        ray = locate_ray(
+            state, camera, uv_px, ground, frame, of.std_m, click.std_px, of.target_height_m, of.max_range_m,
+            of.slope_std,
+        )  # fmt: skip
+        return Recomputed(
+            ray.lat_rad, ray.lon_rad, ray.alt_amsl_m, ray.pos_ned_m, ray.cov_ned_m2, ray.method, ray.method
+        )
+    fusion = FusionConfig(part.cross, part.pose_inflation)
+    scene = Scene(camera, ground, frame, None, of.std_m, of.slope_std, part.map_offset_std_m, fusion=fusion)
+    places = locate_click(uv_px, state, _placement(part, name), scene, click.std_px, 0, of.target_height_m)
+    if places.ray is None or places.registered is None:
+        raise BundleError(name, f"gives no coordinate by registration: {places.refusal or 'its ray meets no ground'}")
+    lat, lon, alt = frame.geodetic_from_ned(places.fused.pos_ned_m)
+    return Recomputed(
+        float(lat), float(lon), float(alt), places.fused.pos_ned_m, places.fused.cov_ned_m2, places.ray.method,
+        places.method,
+    )  # fmt: skip
+
+
+def _placement(part: PlacementPart, name: str) -> Placement:
+    rotation = np.array(part.ned_from_camera)
+    if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6):
+        raise BundleError(name, "placement.ned_from_camera is no rotation")
+    cov = covariance([list(row) for row in part.cov], "the placement's covariance (placement.cov)", name)
+    return Placement(
+        np.array(part.centre_ned_m), np.array(part.pos_ned_m), rotation, np.array(part.correction), cov,
+        part.map_std_m, part.outlier_probability, part.by,
+    )  # fmt: skip
 
 
 def matching_file(evidence: Evidence, path: Path) -> str | None:

@@ -18,6 +18,7 @@ from typing import Protocol
 import structlog
 
 from backend.clock import mono_us, unix_us
+from estimator.history import Corrected
 from estimator.navigator import Outlook
 from estimator.types import FixReport, FrameSample, GnssSample, InertialSample, NavigationState, Sample
 
@@ -38,6 +39,7 @@ class NavigatorLike(Protocol):
     """What the worker needs of `estimator.navigator.Navigator`, which documents it."""
 
     gps_denied: bool
+    corrected: Callable[[], list[Corrected]]
     while_busy: Callable[[Outlook], AbstractContextManager[None]]
 
     @property
@@ -104,6 +106,7 @@ class NavigationWorker:
         self.waiting_for: str | None = "the navigator to start"
         self.failure: str | None = None
         self.epoch = first_epoch
+        self.corrected: Callable[[], list[Corrected]] = list
         self._build = build
         self._least_delay_us = delay_us
         self._frame_ages_us: deque[int] = deque(maxlen=AGES_KEPT)
@@ -247,6 +250,7 @@ class NavigationWorker:
                 if navigator is None and mono_us() >= rebuild_us:
                     navigator = self._build()
                     navigator.while_busy = self._while_busy
+                    self.corrected = navigator.corrected
                 if navigator is not None:
                     self._offer(navigator, samples)
                     # Somebody waits for these, and a step with a registration takes a while.

@@ -14,7 +14,7 @@ from backend.video.writer import TsWriter
 from estimator.types import NavigationState, OffsetSource
 from geodata.flight import CsvAppender, TlogWriter, write_flight_json
 from geodata.flight_meta import CameraMeta, FlightMeta, HomeMeta, MapMeta, VehicleMeta, VideoMeta
-from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS
+from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS, POINTING_COLUMNS
 
 VIDEO_FILE = "video.ts"
 PICTURE_FOLDER = "frames"
@@ -39,12 +39,14 @@ class RecordingPlan:
 
 @dataclass(frozen=True, slots=True)
 class ClickRow:
-    """One line of ``clicks.csv``: frame time, pixel of the recorded video, and the target's id."""
+    """One line of ``clicks.csv``: frame time, pixel of the recorded video, the target's id, and where it stands."""
 
     t_us: int
     u_px: float
     v_px: float
     target: str
+    height_above_ground_m: float = 0.0
+    ground: str = "terrain"
 
 
 class FlightWriter:
@@ -84,7 +86,7 @@ class FlightWriter:
         write_flight_json(folder, self._meta)
         self._tlog = TlogWriter(folder / "telemetry.tlog")
         self._estimate = CsvAppender(folder / "estimate.csv", ESTIMATE_COLUMNS)
-        self._clicks = CsvAppender(folder / "clicks.csv", CLICK_COLUMNS)
+        self._clicks = CsvAppender(folder / "clicks.csv", (*CLICK_COLUMNS, *POINTING_COLUMNS))
         self._followed: CsvAppender | None = None
 
     @property
@@ -135,7 +137,9 @@ class FlightWriter:
 
     def click(self, row: ClickRow) -> None:
         """Append a line of ``clicks.csv``."""
-        self._clicks.write(row.t_us, round(row.u_px, 3), round(row.v_px, 3), row.target)
+        self._clicks.write(
+            row.t_us, round(row.u_px, 3), round(row.v_px, 3), row.target, row.height_above_ground_m, row.ground
+        )
 
     def followed(self, row: FollowedRow) -> None:
         """Append a line of ``followed.csv``, which a flight without followed targets does not have."""

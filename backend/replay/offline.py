@@ -24,6 +24,7 @@ from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import euler_from_q, wrap_pi
+from estimator.history import Corrected
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, Image, NavigationState, Sample
 from geodata.flight import FlightFolder
@@ -67,12 +68,13 @@ class ReplayOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
-    """What a replay found; ``evaluation`` is None without truth."""
+    """What a replay found; ``evaluation`` is None without truth, ``corrected`` is for `estimator.smoothing`."""
 
     states: list[NavigationState]
     fixes: list[FixReport]
     evaluation: Evaluation | None
     report: dict[str, Any]
+    corrected: list[Corrected] = field(default_factory=list)
 
 
 def replay_flight(
@@ -109,7 +111,7 @@ def replay_flight(
     report["targets"] = len(targets)
     (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n")
     write_report(out / "report.html", folder, report, run.states)
-    return ReplayResult(run.states, run.fixes, evaluation, report)
+    return ReplayResult(run.states, run.fixes, evaluation, report, run.navigator.corrected())
 
 
 def navigation_setup(folder: FlightFolder) -> NavigationSetup:

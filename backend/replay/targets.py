@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from backend.navigation.setup import NavigationSetup
+from backend.navigation.setup import UNKNOWN_SLOPE_STD, NavigationSetup
+from backend.pointing import STATED_HEIGHT_SHARE, Pointing, ground_for
 from backend.targeting import scene_of
 from backend.uncertainty import circular_error_m
 from estimator.errors import GeometryError
 from estimator.geometry.local import LocalFrame
 from estimator.registration.alignment import NoMatch
 from estimator.registration.placement import Placement
-from estimator.sighting import ClickPlaces, lay_on_map, locate_click
+from estimator.sighting import ClickPlaces, Scene, lay_on_map, locate_click
 from estimator.targets.fusion import TargetFusion
 from estimator.types import Float, Image, Mode, NavigationState
+from geodata.elevation import FlatGround
 from geodata.flight import FlightFolder
 from geodata.flight_tables import Click
 from geodata.flight_write import CsvAppender
@@ -106,7 +109,10 @@ def locate_clicks(
             )
         uv_px = (click.u_px, click.v_px)
         try:
-            places = locate_click(uv_px, state, placed[click.t_video_us], scene, CLICK_STD_PX, number)
+            places = locate_click(
+                uv_px, state, placed[click.t_video_us], _pointed(scene, setup, click, state), CLICK_STD_PX, number,
+                click.height_above_ground_m,
+            )  # fmt: skip
         except GeometryError as error:
             located.append(_nowhere(click, str(error)))  # above the horizon or off the lens: adds nothing
             continue
@@ -114,6 +120,16 @@ def locate_clicks(
         fusions.setdefault(click.target, TargetFusion(scene.map_offset_std_m, scene.fusion)).add(*places.sightings)
         found.setdefault(click.target, []).append(places)
     return [_combined(name, fusions[name], found[name], setup.frame) for name in sorted(fusions)], located
+
+
+def _pointed(scene: Scene, setup: NavigationSetup, click: Click, state: NavigationState) -> Scene:
+    """The scene for a click, with the ground that it is on and what may be wrong with the height it stands at."""
+    std_m = math.hypot(scene.ground_std_m, STATED_HEIGHT_SHARE * click.height_above_ground_m)
+    if click.ground != "flat":
+        return replace(scene, ground_std_m=std_m)
+    ground = ground_for(setup, Pointing(click.height_above_ground_m, "flat"), state)
+    slope_std = scene.slope_std if isinstance(setup.ground, FlatGround) else UNKNOWN_SLOPE_STD
+    return replace(scene, ground=ground, ground_std_m=std_m, slope_std=slope_std)
 
 
 def _combined(name: str, fusion: TargetFusion, found: list[ClickPlaces], frame: LocalFrame) -> LocatedTarget:

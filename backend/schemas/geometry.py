@@ -55,7 +55,11 @@ class TrackBody(BaseModel):
 
 
 class TargetProperties(BaseModel):
-    """A target's properties; uncertainties are null where nobody knows them, grids where they do not reach."""
+    """A target's properties; uncertainties are null where nobody knows them, grids where they do not reach.
+
+    ``registration`` says how the picture that was clicked fits the map, ``refined`` how often the coordinate has become
+    better since it was first told.
+    """
 
     name: str
     mgrs: str | None
@@ -79,6 +83,8 @@ class TargetProperties(BaseModel):
     height_above_ground_m: float | None
     ground: GroundKind | None
     track: TrackBody | None
+    registration: str | None
+    refined: int
     created_unix_us: int
     updated_unix_us: int
     version: int
@@ -184,6 +190,7 @@ def feature_of_target(target: Target) -> TargetFeature:
             cov_ne_m2=target.cov_ne_m2, ce90_m=spread[0], ellipse95=spread[1],
             height_above_ground_m=target.height_above_ground_m, ground=_ground(target.ground),
             track=track_of(target),
+            registration=target.registration, refined=target.refined or 0,
             created_unix_us=target.created_unix_us, updated_unix_us=target.updated_unix_us, version=target.version,
         ),
     )  # fmt: skip

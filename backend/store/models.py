@@ -43,6 +43,8 @@ class TargetRow(Base):
     var_vel_n_m2_s2: Mapped[float | None] = mapped_column(Float)
     var_vel_e_m2_s2: Mapped[float | None] = mapped_column(Float)
     cov_vel_ne_m2_s2: Mapped[float | None] = mapped_column(Float)
+    registration: Mapped[str | None] = mapped_column(String(300))
+    refined: Mapped[int | None] = mapped_column(Integer)
     created_unix_us: Mapped[int] = mapped_column(BigInteger, index=True)
     updated_unix_us: Mapped[int] = mapped_column(BigInteger)
     version: Mapped[int] = mapped_column(Integer)

@@ -20,7 +20,8 @@ class Target:
     """One target. Variances and the north-east covariance are None where nobody knows them (typed-in coordinates).
 
     ``vehicle_id``, ``frame_id``, ``t_unix_us`` (exposure) and the pixel say where it was clicked, and
-    ``height_above_ground_m`` with ``ground`` ("terrain" or "flat") at which height above what.
+    ``height_above_ground_m`` with ``ground`` ("terrain" or "flat") at which height above what. ``registration`` says
+    how its picture fits the map, and ``refined`` how often its coordinate has become better since the first answer.
 
     Of one that was followed, ``track_status`` is one of `TRACK_STATES`, ``track_reason`` why it is not seen, and
     ``seen_unix_us`` the exposure of the last sighting, of which the place is. ``moving`` and the velocity are None
@@ -47,6 +48,8 @@ class Target:
     cov_ne_m2: float | None = None
     height_above_ground_m: float | None = None
     ground: str | None = None
+    registration: str | None = None
+    refined: int | None = None
     track_status: str | None = None
     track_reason: str | None = None
     seen_unix_us: int | None = None
@@ -159,6 +162,14 @@ class TargetStore:
         self._targets[changed.id] = changed
         return changed
 
+    async def put(self, target: Target) -> None:
+        """Keep what a target has become; it must be the next version of the one that is kept."""
+        async with self._database.writing:
+            self._expected(target.id, target.version - 1)
+            async with self._database.session.begin() as session:
+                await session.merge(TargetRow(**asdict(target)))
+            self._targets[target.id] = target
+
     async def delete(self, target_id: str, version: int | None) -> Target:
         """Remove and return a target, if it still has the expected version (None: whichever it has)."""
         async with self._database.writing:
@@ -190,6 +201,7 @@ def _changed(target: Target, change: TargetChange, now_us: int) -> Target:
             var_n_m2=None, var_e_m2=None, var_d_m2=None, cov_ne_m2=None, height_above_ground_m=None, ground=None,
             seen_unix_us=None, moving=None, vel_n_m_s=None, vel_e_m_s=None, var_vel_n_m2_s2=None,
             var_vel_e_m2_s2=None, cov_vel_ne_m2_s2=None,
+            registration=None, refined=None,
         )  # fmt: skip
     return changed
 

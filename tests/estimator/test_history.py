@@ -234,3 +234,21 @@ def test_inertial_readings_are_held_beyond_their_ends() -> None:
     rates = [track.at(t_us) for t_us in (0, 5000)]
 
     assert [reading[0][0] for reading in rates if reading is not None] == [1.0, 2.0]
+
+
+def test_predictions_are_kept_with_the_states_that_follow_them_and_no_longer_than_those() -> None:
+    history = StateHistory(keep_s=10.0)
+    for n in range(200):
+        if n % 2:
+            history.expect(_state(n * 100_000, north_m=1.0))
+        history.add(_state(n * 100_000, north_m=2.0))
+
+    kept = history.corrected()
+
+    assert [each.after.t_us // 100_000 % 2 for each in kept] == [1] * len(kept)
+    assert {(each.before.pos_ned_m[0], each.after.pos_ned_m[0]) for each in kept} == {(1.0, 2.0)}
+    assert kept[-1].after.t_us == 19_900_000
+    assert kept[0].after.t_us >= 19_900_000 - 15_000_000
+    history.expect(_state(30_000_000))
+    history.add(_state(30_100_000))
+    assert history.corrected()[-1].after.t_us == 19_900_000

@@ -169,3 +169,17 @@ def test_bad_click_costs_only_itself(tmp_path: Path) -> None:
     assert len(warnings) == 1
     assert "line 3" in warnings[0]
     assert "1 more" in warnings[0]
+
+
+def test_clicks_may_say_where_the_thing_stands(tmp_path: Path) -> None:
+    path = tmp_path / "clicks.csv"
+    head = "time_us,u_px,v_px,target,height_above_ground_m,ground\n"
+    path.write_text(head + "1,2,3,a,4.5,flat\n2,2,3,b,,\n3,2,3,c\n4,2,3,d,1,sea\n5,2,3,e,high,flat\n", encoding="utf-8")
+    warnings: list[str] = []
+
+    found = parse_rows(read_table(path, CLICK_COLUMNS), parse_click, warnings.append)
+
+    assert [(c.target, c.height_above_ground_m, c.ground) for c in found] == [
+        ("a", 4.5, "flat"), ("b", 0.0, "terrain"), ("c", 0.0, "terrain"),
+    ]  # fmt: skip
+    assert "'sea' is no ground" in warnings[0]

@@ -29,7 +29,9 @@ def test_what_is_written_is_what_a_flight_folder_reads(tmp_path: Path) -> None:
     angles = rng.uniform(-1.0, 1.0, (5, 20))
     truth = Truth(t_us, *angles[:2], rng.uniform(0, 900, 20), *angles[2:], rng.normal(0, 5, (20, 3)))
     truth.yaw_rad[3] = math.nan
-    clicks = [Click(int(t_us[2]), 12.345, 67.0, "tower, north"), Click(int(t_us[3]), 1.0, 2.0, 'the "pond"')]
+    clicks = [
+        Click(int(t_us[2]), 12.345, 67.0, "tower, north", 30.5, "flat"), Click(int(t_us[3]), 1.0, 2.0, 'the "pond"'),
+    ]  # fmt: skip
     targets = [TargetTruth("tower, north", 0.56, 0.61, 700.125), TargetTruth("T2", -0.56, -0.61, -3.5)]
     write_flight_json(tmp_path, FlightMeta.model_validate({"schema": "pilotage.flight/1", "name": "Übung", "x": 1}))
     write_frames_csv(tmp_path / "frames.csv", FrameTimes(np.arange(20), t_us))

@@ -1173,6 +1173,9 @@ export interface components {
         /**
          * TargetProperties
          * @description A target's properties; uncertainties are null where nobody knows them, grids where they do not reach.
+         *
+         *     ``registration`` says how the picture that was clicked fits the map, ``refined`` how often the coordinate has become
+         *     better since it was first told.
          */
         TargetProperties: {
             /** Name */
@@ -1217,6 +1220,10 @@ export interface components {
             /** Ground */
             ground: ("terrain" | "flat") | null;
             track: components["schemas"]["TrackBody"] | null;
+            /** Registration */
+            registration: string | null;
+            /** Refined */
+            refined: number;
             /** Created Unix Us */
             created_unix_us: number;
             /** Updated Unix Us */

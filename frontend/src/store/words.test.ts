@@ -1,7 +1,7 @@
 import { describe, expect, it } from 'vitest';
 import type { LinkMessage, StateMessage, TargetTrack, VideoMessage } from '../api/types';
 import { newVehicle } from './mission';
-import { boresightWords, connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, trackWords, vehicleWords, videoClockWords, videoWords } from './words';
+import { boresightWords, connectionWords, fixAgeTone, freshModeWords, linkWords, methodWords, modeWords, registrationWords, trackWords, vehicleWords, videoClockWords, videoWords } from './words';
 
 const vehicle = (fields: object) => ({ ...newVehicle('1'), ...fields });
 const state = (fields: object) => vehicle({ state: { mode: 'gps', gps_denied: false, last_fix_age_s: 0.4, ...fields } as StateMessage });
@@ -115,6 +115,9 @@ it('speaks of the connection, of fixes, methods and vehicles', () => {
   });
   expect([0.5, 8, 60, null].map(fixAgeTone)).toEqual(['good', 'watch', 'bad', 'none']);
   expect([methodWords('ray_terrain'), methodWords('line_of_sight')]).toEqual(['ray to terrain', 'line of sight']);
+  expect(registrationWords('waiting', 0)).toBe('matching the map…');
+  expect([registrationWords('matched by windows', 1), registrationWords('no match: weak', 2)]).toEqual(['refined', 'refined 2 times']);
+  expect([registrationWords('no match: weak', 0), registrationWords(null, 0)]).toEqual(['no match: weak', null]);
   expect(vehicleWords(vehicle({ telemetry: { vehicle_type: 'helicopter', simulated: true } }))).toBe('1 · helicopter (sim)');
   expect(vehicleWords(newVehicle('replay-f1'))).toBe('Replay f1');
 });

@@ -195,6 +195,7 @@ const METHOD_WORDS: Record<string, string> = {
   ray_terrain: 'ray to terrain',
   ray_flat: 'ray to flat ground',
   manual: 'entered by hand',
+  fused: 'ray and map match',
 };
 
 export function methodWords(method: string): string {
@@ -209,6 +210,13 @@ export function trackWords(track: TargetTrack): string {
     return `moving ${formatNumber(track.speed_m_s, 1)} m/s, ${formatNumber(track.course_deg)}°`;
   }
   return track.moving === false ? 'standing' : 'seen';
+}
+
+/** How the picture of a target fits the map, null where that says nothing to an operator. */
+export function registrationWords(registration: string | null, refined: number): string | null {
+  if (registration === 'waiting') return 'matching the map…';
+  if (refined > 0) return refined > 1 ? `refined ${refined} times` : 'refined';
+  return registration?.startsWith('no') ? registration : null;
 }
 
 export function vehicleWords(vehicle: Vehicle): string {

@@ -51,7 +51,9 @@ def begun(scene: CircuitScene, t_us: int, uv_px: tuple[float, float] | None = No
     picture = shown(scene, t_us)
     target: Any = SimpleNamespace(ground="terrain")
     watched: Any = ground
-    click = Sighting(target, picture.frame, at(t_us), SETUP, uv, CLICK_STD_PX, watched, found, None, 0.0, 0.5, 0.0)
+    click = Sighting(
+        target, picture.frame, at(t_us), SETUP, uv, CLICK_STD_PX, watched, found, None, 0.0, 0.5, 0.0, "ray"
+    )
     return Follower.start("t", click, picture)
 
 

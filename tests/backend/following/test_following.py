@@ -55,6 +55,7 @@ async def test_a_driving_car_is_followed_and_everybody_is_told(tmp_path: Path) -
 
     off = [np.hypot(m["u_px"] - u, m["v_px"] - v) for m in sightings for u, v in [scene.pixel(m["t_frame_unix_us"])]]
     assert made["properties"]["track"]["status"] == "seen"
+    assert made["properties"]["registration"] is None  # where it goes, its tracker says
     assert max(off) < 5.0  # a car's length is 15 pixels
     assert abs(moving["track"]["speed_m_s"] - SPEED_M_S) < 2.5
     assert kept["target"]["properties"]["method"] == "followed"

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from backend.navigation.worker import MAX_WAITING_FRAMES, NavigationWorker, StateUpdate
+from estimator.history import Corrected
 from estimator.navigator import Outlook
 from estimator.types import (
     BarometerSample,
@@ -43,6 +44,7 @@ class Recording:
         self.gate.set()
         self.entered = threading.Event()
         self.fail = False
+        self.corrected: Callable[[], list[Corrected]] = list
         self.while_busy: Callable[[Outlook], AbstractContextManager[None]] = lambda _: nullcontext()
 
     @property

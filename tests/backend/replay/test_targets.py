@@ -53,6 +53,16 @@ def test_a_click_below_and_one_ahead_lie_where_the_ray_meets_the_ground(tmp_path
         assert 0.0 < float(found[name]["ce90_m"]) < HEIGHT_M / 5
 
 
+@pytest.mark.parametrize("ground", ["terrain", "flat"])
+def test_what_stands_above_the_ground_lies_nearer(tmp_path: Path, ground: str) -> None:
+    """What is seen 20 m ahead on the ground, 100 m below, is 16 m ahead where it stands 20 m high."""
+    found = located(tmp_path, Click(AT_US, CENTRE[0], CENTRE[1] - 60.0, "mast", 20.0, ground))["mast"]
+
+    ahead_m = math.radians(float(found["lat_deg"]) - lat_deg_at(AT_US)) * EARTH_M
+    assert ahead_m == pytest.approx(16.0, abs=0.1)
+    assert float(found["alt_amsl_m"]) == pytest.approx(GROUND_M + 20.0, abs=0.05)
+
+
 def test_more_clicks_on_one_target_are_counted_and_not_overrated(tmp_path: Path) -> None:
     """All share the pose's error: ten looks at once are not surer than the best of them."""
     once = located(tmp_path / "a", Click(AT_US, *CENTRE, "t"))
