@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,8 +19,8 @@ from estimator.types import Float, GnssSample
 
 GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "clone_position", "clone_rotation",
-    "keyframe_position", "keyframe_rotation", "structure",
+    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "gnss_bias", "clone_position",
+    "clone_rotation", "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 
 
@@ -27,8 +28,7 @@ GROUPS = (
 class NavigatorConfig:
     """How the navigator works; the defaults suit a small aircraft with consumer sensors.
 
-    A satellite receiver's errors wander: those of its place are alike for ``gnss_place_time_s``, those of its height
-    for ``gnss_height_time_s`` (ADR 0015).
+    What is slow of a satellite receiver's place is a state; heights are alike for ``gnss_height_time_s`` (ADR 0015).
     """
 
     groups: tuple[str, ...] = GROUPS
@@ -51,7 +51,6 @@ class NavigatorConfig:
     gnss_interval_s: float = 0.9
     gnss_velocity_interval_s: float = 0.18
     gnss_min_std_m: float = 1.5
-    gnss_place_time_s: float = 20.0
     gnss_height_time_s: float = 30.0
     min_inertial_hz: float = 18.0
     inertial_timeout_s: float = 0.5
@@ -62,8 +61,9 @@ class NavigatorConfig:
     gnss_timeout_s: float = 2.5
 
     def gnss_noise(self, sample: GnssSample) -> tuple[Float, Float]:
-        """Sigmas (3,) of a satellite position, NED, and how many fixes in a row (3,) say no more than one."""
-        horizontal_m = max(sample.std_horizontal_m, self.gnss_min_std_m)
+        """Sigmas (3,) of a satellite position beside its slow error, and how many fixes in a row (3,) say it once."""
+        slow_m = self.noise.gnss_bias_std_m if "gnss_bias" in self.groups else 0.0
+        horizontal_m = math.sqrt(max(max(sample.std_horizontal_m, self.gnss_min_std_m) ** 2 - slow_m**2, 0.25))
         vertical_m = max(sample.std_vertical_m, 2.0 * self.gnss_min_std_m)
-        times_s = np.array([self.gnss_place_time_s, self.gnss_place_time_s, self.gnss_height_time_s])
-        return np.array([horizontal_m, horizontal_m, vertical_m]), 1.0 + 2.0 * times_s / self.gnss_interval_s
+        alike = np.array([1.0, 1.0, 1.0 + 2.0 * self.gnss_height_time_s / self.gnss_interval_s])
+        return np.array([horizontal_m, horizontal_m, vertical_m]), alike

@@ -26,14 +26,14 @@ from estimator.types import Float
 
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "clone_position", "clone_rotation",
-    "keyframe_position", "keyframe_rotation", "structure",
+    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "gnss_bias", "clone_position",
+    "clone_rotation", "keyframe_position", "keyframe_rotation", "structure",
 )  # fmt: skip
 _MOTION = 9
 _P, _V, _A = slice(0, 3), slice(3, 6), slice(6, 9)
 """Position, velocity and attitude: always there, and first."""
 _ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
-_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_region": 2, "map_offset": 2}
+_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_region": 2, "map_offset": 2, "gnss_bias": 2}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +95,8 @@ class ProcessNoise:
     # until a picture tells its footprint (ADR 0015)
     map_bias_length_m: float = 90.0
     map_region_length_m: float = 1500.0
+    gnss_bias_std_m: float = 1.2
+    gnss_bias_time_s: float = 70.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
 
@@ -121,6 +123,7 @@ class Nominal:
     map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     map_region_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     map_offset_ne_m: Float = field(default_factory=lambda: np.zeros(2))
+    gnss_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
     clone: Clone | None = None
     keyframe: Clone | None = None
     structure_m: Float = field(default_factory=lambda: np.zeros(3))
@@ -131,14 +134,16 @@ class Nominal:
         Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs.
         """
         bias, ground = index.get("attitude_bias"), index.get("ground_bias")
-        imagery, region = index.get("map_bias"), index.get("map_region")
+        imagery, region, satellites = index.get("map_bias"), index.get("map_region"), index.get("gnss_bias")
         return Nominal(
             motion, self.accelerometer_bias_m_s2, self.gyroscope_bias_rad_s, self.barometer_bias_m, self.boresight_rad,
             self.attitude_bias_rad if bias is None else self.attitude_bias_rad * kept[bias],
             self.ground_biases_m if ground is None else self.ground_biases_m * kept[ground],
             self.map_bias_ne_m if imagery is None else self.map_bias_ne_m * kept[imagery],
             self.map_region_ne_m if region is None else self.map_region_ne_m * kept[region],
-            self.map_offset_ne_m, self.clone, self.keyframe, self.structure_m,
+            self.map_offset_ne_m,
+            self.gnss_bias_ne_m if satellites is None else self.gnss_bias_ne_m * kept[satellites],
+            self.clone, self.keyframe, self.structure_m,
         )  # fmt: skip
 
     @property
@@ -239,6 +244,8 @@ class ErrorStateFilter:
             per_metre[part["map_region"]] = 1.0 / noise.map_region_length_m
         if "attitude_bias" in part:
             per_second[part["attitude_bias"]] = 1.0 / noise.attitude_bias_time_s
+        if "gnss_bias" in part:
+            per_second[part["gnss_bias"]] = 1.0 / noise.gnss_bias_time_s
         return per_metre, per_second
 
     def _slow_noise_density(self) -> Float:
@@ -250,6 +257,7 @@ class ErrorStateFilter:
             "barometer_bias": noise.barometer_bias_m_rt_s,
             "boresight": noise.boresight_rad_rt_s,
             "attitude_bias": np.array(noise.attitude_bias_std_rad) * np.sqrt(2.0 / noise.attitude_bias_time_s),
+            "gnss_bias": noise.gnss_bias_std_m * np.sqrt(2.0 / noise.gnss_bias_time_s),
         }
         for name, density in rates.items():
             where = self.layout.slices.get(name)
@@ -379,6 +387,7 @@ class ErrorStateFilter:
             map_bias_ne_m=moved("map_bias", nominal.map_bias_ne_m),
             map_region_ne_m=moved("map_region", nominal.map_region_ne_m),
             map_offset_ne_m=moved("map_offset", nominal.map_offset_ne_m),
+            gnss_bias_ne_m=moved("gnss_bias", nominal.gnss_bias_ne_m),
             clone=self._moved_clone(nominal.clone, "clone", dx),
             keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
             structure_m=moved("structure", nominal.structure_m),

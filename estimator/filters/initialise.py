@@ -49,6 +49,7 @@ class FirstEstimate:
     velocity_std_m_s: Float
     barometer_bias_m: float
     barometer_bias_std_m: float
+    by_satellites: bool = False
 
 
 class InitialConditions:
@@ -128,6 +129,7 @@ class InitialConditions:
             np.where(known, 0.7, np.array([8.0, 8.0, 2.0])),
             float(np.mean(self._barometer)) - fix.alt_amsl_m,
             vertical,
+            by_satellites=True,
         )
 
     def _from_guess(self, attitude: AttitudeSample) -> FirstEstimate | None:
@@ -165,12 +167,18 @@ def aligned(first: FirstEstimate, layout: Layout, guess: InitialGuess, noise: Pr
         "attitude_bias": noise.attitude_bias_std_rad,
         "ground_bias": noise.ground_bias_std_m,
         "map_bias": 1.0,
+        "gnss_bias": noise.gnss_bias_std_m,
     }
     for name, value in first_std.items():
         if layout.has(name):
             std[layout.slices[name]] = value
     P = np.diag(std**2)
     _correlate(P, layout, "position", 2, "barometer_bias", 0, sign=1.0)
+    if first.by_satellites and layout.has("gnss_bias"):
+        for axis in range(2):
+            # the slow part of what the place is off by: minus its variance, and not more than all of it
+            shared = min(noise.gnss_bias_std_m / float(first.position_std_m[axis]), 1.0)
+            _correlate(P, layout, "position", axis, "gnss_bias", axis, sign=-shared)
     if layout.has("attitude_bias"):
         for axis in range(3):
             _correlate(P, layout, "attitude", axis, "attitude_bias", axis, sign=-1.0)

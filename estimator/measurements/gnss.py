@@ -17,12 +17,13 @@ UNKNOWN_ACCELERATION_M_S2 = 1.5
 
 
 def position(eskf: ErrorStateFilter, pos_ned_m: Float, std_ned_m: Float, alike: Float) -> Innovation:
-    """Innovation of a position (3,) in the local frame, each with a sigma (3,).
+    """Innovation of a position (3,) in the local frame, each with a sigma (3,) beside the slow error of the place.
 
     A receiver's errors wander slowly: ``alike`` (3,) fixes in a row say it once.
     """
     z = pos_ned_m - eskf.nominal.motion.pos_ned_m
-    H = eskf.layout.jacobian(3, position=np.eye(3))
+    z[:2] -= eskf.nominal.gnss_bias_ne_m
+    H = eskf.layout.jacobian(3, position=np.eye(3), gnss_bias=np.eye(3)[:, :2])
     R_one = np.diag(std_ned_m**2)
     return Innovation(z, H, R_one * np.maximum(alike, 1.0), R_one)
 

@@ -17,6 +17,7 @@ QUIET = ProcessNoise(
     boresight_rad_rt_s=0.0,
     attitude_bias_std_rad=(0.0, 0.0, 0.0),
     ground_bias_std_m=(0.0, 0.0),
+    gnss_bias_std_m=0.0,
 )
 
 
@@ -32,6 +33,7 @@ def nominal_state() -> Nominal:
         map_bias_ne_m=np.array([0.3, -0.4]),
         map_region_ne_m=np.array([-0.6, 0.9]),
         map_offset_ne_m=np.array([7.0, -2.0]),
+        gnss_bias_ne_m=np.array([-0.7, 0.5]),
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
         keyframe=Clone(np.array([14.0, -2.0, -88.0]), q_from_euler(0.0, -1.5, 0.8)),
         structure_m=np.array([0.4, -1.5, 2.0]),

@@ -45,6 +45,7 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
             to.map_bias_ne_m - of.map_bias_ne_m,
             to.map_region_ne_m - of.map_region_ne_m,
             to.map_offset_ne_m - of.map_offset_ne_m,
+            to.gnss_bias_ne_m - of.gnss_bias_ne_m,
             to.clone.pos_ned_m - of.clone.pos_ned_m,
             _turn(to.clone.q_ned_from_camera, of.clone.q_ned_from_camera),
             to.keyframe.pos_ned_m - of.keyframe.pos_ned_m,

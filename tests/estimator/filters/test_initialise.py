@@ -125,6 +125,11 @@ def test_covariance_holds_the_stated_deviations_and_is_positive() -> None:
     reading = np.zeros(LAYOUT.size)
     reading[height], reading[zero] = -1.0, 1.0
     assert reading @ P @ reading < 0.05 * P[height, height]
+    # the receiver's slow error is in the place that it gave: a second fix that errs alike tells nothing new of it
+    north, slow = LAYOUT.slices["position"].start, LAYOUT.slices["gnss_bias"].start
+    again = np.zeros(LAYOUT.size)
+    again[[north, slow]] = 1.0
+    assert again @ P @ again == pytest.approx(P[north, north] - P[slow, slow], rel=0.1)
 
 
 def test_reduced_layouts_leave_out_what_they_lack() -> None:

@@ -9,6 +9,8 @@ from estimator.measurements.gnss import (
     position,
     velocity,
 )
+from estimator.navigator_config import NavigatorConfig
+from estimator.types import GnssSample
 from tests.estimator.measurements.filters import general_filter, numeric_jacobian
 
 FIX = np.array([33.0, -14.0, -88.0])
@@ -23,6 +25,27 @@ def test_position_jacobian_agrees_with_finite_differences() -> None:
     assert innovation.R_one is not None
     assert_allclose(np.diag(innovation.R_one), [2.25, 2.25, 9.0])
     assert_allclose(np.diag(innovation.R), [22.5, 22.5, 9.0])
+
+
+def test_a_receiver_that_errs_alike_for_a_minute_does_not_make_sure() -> None:
+    """
+    Fifty fixes within a minute, all 0.9 m off by what is slow of the receiver, from a start of 1.5 m.
+
+    Taken for white they would leave 0.2 m; the slow error, 1.2 m, stays in the place, and the filter says so.
+    """
+    eskf = general_filter()
+    true = eskf.nominal.motion.pos_ned_m.copy()
+    noise = NavigatorConfig().gnss_noise(GnssSample(0, 0.0, 0.0, 0.0, np.zeros(3), 1.0, 2.0, 9))
+    part, slow = eskf.layout.slices["position"], eskf.layout.slices["gnss_bias"]
+    eskf.P[part, :], eskf.P[:, part], eskf.P[slow, :], eskf.P[:, slow] = 0.0, 0.0, 0.0, 0.0
+    eskf.P[part, part], eskf.P[slow, slow] = 2.25 * np.eye(3), 1.44 * np.eye(2)
+    for _ in range(50):
+        measured = position(eskf, true + np.array([0.9, 0.0, 0.0]), *noise)
+        eskf.update(measured.z, measured.H, measured.R, what="gnss", R_one=measured.R_one)
+
+    std_m = float(np.sqrt(eskf.cov("position")[0, 0]))
+    assert 0.8 < std_m < 1.5
+    assert abs(eskf.nominal.motion.pos_ned_m[0] - true[0]) < 2.0 * std_m
 
 
 def test_velocity_jacobian_agrees_with_finite_differences() -> None:
