@@ -77,10 +77,10 @@ class MapFixConfig:
     min_weight: float = 0.03
     ambiguity_share: float = 0.12
     noise_inflation: float = 3.0
-    density_inflation: float = 0.88
+    density_inflation: float = 0.95
     slices_inflation: float = 1.25
-    white_share: float = 0.06
-    regional_share: float = 0.44
+    white_share: float = 0.07
+    regional_share: float = 0.42
     local_share: float = 1.0
     least_information: float = 0.01
     min_agreement: float = 0.4
