@@ -66,12 +66,12 @@ class EvidenceKeeper:
         files = await asyncio.gather(*(self._described(file) for file in sighting.setup.files))
         await asyncio.to_thread(self._write, sighting, source, files, picture)
 
-    async def confirm(self, target_id: str, version: int = 1) -> None:
+    async def confirm(self, target_id: str, version: int = FIRST_VERSION) -> None:
         """The target's row is kept."""
         with contextlib.suppress(OSError):  # the name of before is found as well
             await asyncio.to_thread(self._path(target_id, NEW, version).rename, self._path(target_id, KEPT, version))
 
-    async def discard(self, target_id: str, version: int = 1) -> None:
+    async def discard(self, target_id: str, version: int = FIRST_VERSION) -> None:
         """The target's row could not be kept."""
         await asyncio.to_thread(self._remove, self._path(target_id, NEW, version))
 
@@ -146,8 +146,9 @@ class EvidenceKeeper:
             source_sha256=None if record is None else record.sha256, problem=found.problem,
         )  # fmt: skip
 
-    def _path(self, target_id: str, step: str, version: int = 1) -> Path:
-        return self.folder / (f"{target_id}{step}" if version == 1 else f"{target_id}{AGAIN}{version}{step}")
+    def _path(self, target_id: str, step: str, version: int = FIRST_VERSION) -> Path:
+        again = "" if version == FIRST_VERSION else f"{AGAIN}{version}"
+        return self.folder / f"{target_id}{again}{step}"
 
     def _paths(self, target_id: str, step: str) -> list[Path]:
         """What there is of a target in a step, of all its versions."""
@@ -222,7 +223,7 @@ def _target_of(path: Path) -> str:
 
 def _version_of(path: Path) -> int:
     number = path.stem.partition(AGAIN)[2]
-    return int(number) if number.isascii() and number.isdigit() else 1
+    return int(number) if number.isascii() and number.isdigit() else FIRST_VERSION
 
 
 def _moved(target: Target, bundle: Bundle, is_newest: bool) -> str | None:
