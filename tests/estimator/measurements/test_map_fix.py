@@ -208,6 +208,20 @@ def test_bare_road_tells_the_position_across_it_only() -> None:
     assert abs(left @ along) < 3.0 * np.sqrt(along @ cov @ along)
 
 
+@pytest.mark.parametrize(("least", "numbers"), [(0.3, 1), (0.0, 2)])
+def test_axis_on_which_a_picture_tells_too_little_is_left_out(least: float, numbers: int) -> None:
+    """A bare road at 0.3 rad: along it the density is as wide as the search, which is no measurement."""
+    road = straight_road(0.3, (14.0, -22.0))
+    eskf = _filter(np.array([2.0, -1.0, 0.0, 0.0, 0.0, 0.0]))
+
+    report = _attempt(
+        _fixer(road, use_windows=False, least_information=least), eskf, _picture(np.random.default_rng(4), road)
+    )
+
+    assert report.accepted
+    assert eskf.innovations["fix"].numbers == numbers
+
+
 def test_off_the_map_is_refused_and_counted() -> None:
     far = np.array([5000.0, 0.0, -110.0])
     eskf, fixer = _filter(np.zeros(6), far), _fixer()
