@@ -441,9 +441,6 @@ class Navigator:
         ground_down = float(self._ground_down(camera_pos))
         fix = partial(self._fixer.attempt, replace(sample, image=image), eskf, camera, camera_pos, ground_down)
         report = self._watch.attempt(self._fixer, sample, eskf, self._has_satellites(sample.t_us), fix)
-        if not report.accepted and self._fixer.rejected_in_row >= 10:
-            # a lock on the wrong place must be able to let go
-            eskf.inflate("position", 1.0)
         self.stage_seconds["registration"] += self._clock_s() - started
         return report
 

@@ -50,7 +50,7 @@ class NavigatorConfig:
     reported_attitude_interval_s: float = 0.18
     gnss_interval_s: float = 0.9
     gnss_velocity_interval_s: float = 0.18
-    gnss_min_std_m: float = 1.5
+    gnss_min_std_m: float = 1.05
     gnss_height_time_s: float = 30.0
     min_inertial_hz: float = 18.0
     inertial_timeout_s: float = 0.5

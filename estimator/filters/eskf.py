@@ -95,7 +95,7 @@ class ProcessNoise:
     # until a picture tells its footprint (ADR 0015)
     map_bias_length_m: float = 90.0
     map_region_length_m: float = 1500.0
-    gnss_bias_std_m: float = 1.2
+    gnss_bias_std_m: float = 0.9
     gnss_bias_time_s: float = 70.0
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
@@ -467,6 +467,15 @@ class ErrorStateFilter:
     def inflate(self, group: str, variance: float) -> None:
         """Add independent variance (diagonal) to a group of states."""
         np.einsum("ii->i", self.P)[self.layout.slices[group]] += variance
+
+    def doubt_place(self, variance_m2: float) -> None:
+        """Add to the horizontal position, on each axis, a variance that the way since earlier pictures does not know.
+
+        Their clones err by the same: left as they are, the next odometry would take the doubt back.
+        """
+        groups = [name for name in ("position", "clone_position", "keyframe_position") if self.layout.has(name)]
+        rows = np.concatenate([np.arange(2) + self.layout.slices[name].start for name in groups])
+        self.P[np.ix_(rows, rows)] += variance_m2 * np.tile(np.eye(2), (len(groups), len(groups)))
 
     def learn_map_offset(self, displacement_ne_m: Float, std_m: float) -> None:
         """Take the imagery to be displaced by so much (2,) more, to ``std_m``; updates then know it better.

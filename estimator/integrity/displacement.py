@@ -18,7 +18,7 @@ from estimator.types import Float
 
 @dataclass(frozen=True, slots=True)
 class DisplacementConfig:
-    """Of the last ``span_s`` seconds at least ``min_pictures`` over ``min_way_m`` count.
+    """Of the last ``span_s`` seconds and ``most_way_m`` at least ``min_pictures`` over ``min_way_m`` count.
 
     A displacement stands where ``min_share`` of them lie within ``near_m`` of their median. It is worth an alarm beyond
     ``least_m``, to which a receiver's own error and a usual map's reach.
@@ -27,6 +27,7 @@ class DisplacementConfig:
     span_s: float = 12.0
     min_pictures: int = 15
     min_way_m: float = 60.0
+    most_way_m: float = float("inf")
     near_m: float = 4.0
     min_share: float = 0.6
     least_m: float = 6.0
@@ -61,12 +62,12 @@ class DisplacementWatch:
         if not np.isfinite(displacement_ne_m).all():
             return None
         self._seen.append((t_us, pos_ne_m.copy(), displacement_ne_m.copy()))
-        while t_us - self._seen[0][0] > config.span_s * 1e6:
+        places = np.array([place for _, place, _ in self._seen])
+        to_go_m = np.append(np.cumsum(np.hypot(*np.diff(places, axis=0).T)[::-1])[::-1], 0.0)
+        since_us = t_us - np.array([t for t, _, _ in self._seen])
+        for _ in range(int(np.sum((since_us > config.span_s * 1e6) | (to_go_m > config.most_way_m)))):
             self._seen.popleft()
-        if len(self._seen) < config.min_pictures:
-            return None
-        way_m = sum(float(np.hypot(*(b[1] - a[1]))) for a, b in zip(self._seen, list(self._seen)[1:], strict=False))
-        if way_m < config.min_way_m:
+        if len(self._seen) < config.min_pictures or to_go_m[-len(self._seen)] < config.min_way_m:
             return None
         found = np.array([displacement for _, _, displacement in self._seen])
         middle = np.median(found, axis=0)

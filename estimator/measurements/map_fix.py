@@ -77,7 +77,7 @@ class MapFixConfig:
     min_weight: float = 0.03
     ambiguity_share: float = 0.12
     noise_inflation: float = 3.0
-    density_inflation: float = 0.95
+    density_inflation: float = 0.8
     slices_inflation: float = 1.25
     white_share: float = 0.07
     regional_share: float = 0.42

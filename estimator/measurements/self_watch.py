@@ -22,12 +22,15 @@ class SelfWatchConfig:
     """``enabled`` off takes every picture and doubts nothing.
 
     ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
-    widened. After ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far
+    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. After ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far
     as a displaced map is looked for.
     """
 
     enabled: bool = True
     displacement: DisplacementConfig = field(default_factory=DisplacementConfig)
+    contradiction: DisplacementConfig = field(
+        default_factory=lambda: DisplacementConfig(span_s=60.0, min_way_m=120.0, most_way_m=130.0)
+    )
     steady: SteadyConfig = field(default_factory=SteadyConfig)
     pressure_gain: float = 5.0
     level_rad: float = 0.35
@@ -57,7 +60,7 @@ class SelfWatch:
         self._map_agreed = False
         self._learned: _Learned | None = None
         self._by_satellites = DisplacementWatch(config.displacement)
-        self._by_itself = DisplacementWatch(config.displacement)
+        self._by_itself = DisplacementWatch(config.contradiction)
         self._pressure = SteadyInnovations(config.steady)
         self._t_us = 0
 
@@ -148,9 +151,9 @@ class SelfWatch:
     ) -> None:  # fmt: skip
         """Doubt a position that matches over different ground contradict with one voice."""
         standing = self._by_itself.add(t_us, pos_ne_m, displacement_ne_m)
-        least_m = max(self.config.displacement.least_m, self.config.contradiction_sigmas * std_m)
+        least_m = max(self.config.contradiction.least_m, self.config.contradiction_sigmas * std_m)
         if standing is not None and standing.size_m > least_m:
-            eskf.inflate("position", standing.size_m**2)
+            eskf.doubt_place(standing.size_m**2)
             self._by_itself.forget()
             fixer.begin_anew()
 

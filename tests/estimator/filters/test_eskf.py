@@ -264,6 +264,25 @@ def test_clone_is_fully_correlated_with_the_present() -> None:
     assert_allclose(eskf.cov("clone_rotation"), expected)
 
 
+def test_a_doubted_place_is_not_made_sure_again_by_the_way_since_the_last_picture() -> None:
+    """Variance 0.25 raised by 36; odometry then tells the way since the clone to a centimetre, which says no place."""
+    eskf = quiet_filter(np.diag(np.full(FULL.size, 0.25)))
+    nominal = eskf.nominal
+    camera = Clone(nominal.motion.pos_ned_m, nominal.motion.q_ned_from_body)
+    turned = FULL.jacobian(3, attitude=np.eye(3))
+    eskf.clone(camera, turned)
+    eskf.take_keyframe(camera, turned, None, None)
+    vertical_m2 = eskf.cov("position")[2, 2]
+
+    eskf.doubt_place(36.0)
+    for clone in ("clone_position", "keyframe_position"):
+        H = FULL.jacobian(3, **{"position": np.eye(3), clone: -np.eye(3)})
+        eskf.update(np.zeros(3), H, np.eye(3) * 1e-4)
+
+    assert_allclose(eskf.cov("position")[:2, :2], 36.25 * np.eye(2), rtol=1e-6, atol=1e-9)
+    assert eskf.cov("position")[2, 2] == pytest.approx(vertical_m2)
+
+
 def test_relative_measurement_bounds_velocity_and_not_position() -> None:
     """
     Forty exact-model odometry steps: the position's variance may only grow, by no more than what the steps allow.
