@@ -22,8 +22,9 @@ class SelfWatchConfig:
     """``enabled`` off takes every picture and doubts nothing.
 
     ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
-    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. After ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far
-    as a displaced map is looked for.
+    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. After
+    ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
+    map is looked for.
     """
 
     enabled: bool = True
