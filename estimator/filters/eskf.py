@@ -468,14 +468,14 @@ class ErrorStateFilter:
         """Add independent variance (diagonal) to a group of states."""
         np.einsum("ii->i", self.P)[self.layout.slices[group]] += variance
 
-    def doubt_place(self, variance_m2: float) -> None:
-        """Add to the horizontal position, on each axis, a variance that the way since earlier pictures does not know.
+    def doubt_place(self, cov_ne_m2: Float) -> None:
+        """Add to the horizontal position a covariance (2, 2) that the way since earlier pictures does not know.
 
         Their clones err by the same: left as they are, the next odometry would take the doubt back.
         """
         groups = [name for name in ("position", "clone_position", "keyframe_position") if self.layout.has(name)]
         rows = np.concatenate([np.arange(2) + self.layout.slices[name].start for name in groups])
-        self.P[np.ix_(rows, rows)] += variance_m2 * np.tile(np.eye(2), (len(groups), len(groups)))
+        self.P[np.ix_(rows, rows)] += np.tile(cov_ne_m2, (len(groups), len(groups)))
 
     def learn_map_offset(self, displacement_ne_m: Float, std_m: float) -> None:
         """Take the imagery to be displaced by so much (2,) more, to ``std_m``; updates then know it better.

@@ -49,7 +49,7 @@ def fuse(eskf: ErrorStateFilter, sample: AlignmentSample, history: StateHistory)
     spread = measured.H @ eskf.P @ measured.H.T + measured.R
     sigmas = math.sqrt(float(measured.z @ np.linalg.solve(spread, measured.z)))
     if sigmas > CONTRADICTION_SIGMAS:
-        eskf.doubt_place(float(measured.z @ measured.z))
+        eskf.doubt_place(np.outer(measured.z, measured.z))
     accepted, _ = eskf.update(measured.z, measured.H, measured.R, GATE_SIGMAS**2 * 2, KIND)
     reason = "" if accepted else f"it lies {sigmas:.0f} sigma from the estimate"
     return _report(sample, pos_ne_m, cov_ne_m2, reason)

@@ -154,7 +154,8 @@ class SelfWatch:
         standing = self._by_itself.add(t_us, pos_ne_m, displacement_ne_m)
         least_m = max(self.config.contradiction.least_m, self.config.contradiction_sigmas * std_m)
         if standing is not None and standing.size_m > least_m:
-            eskf.doubt_place(standing.size_m**2)
+            # of two places as likely as each other
+            eskf.doubt_place(0.25 * np.outer(standing.displacement_ne_m, standing.displacement_ne_m))
             self._by_itself.forget()
             fixer.begin_anew()
 

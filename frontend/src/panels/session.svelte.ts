@@ -217,7 +217,9 @@ export class Session {
   }
 
   private prime(vehicle_id: string): void {
-    if (this.primed.has(vehicle_id)) return;
+    const { summary, telemetry, state } = this.mission.vehicles[vehicle_id] ?? {};
+    // The video may be there first, and the station knows no vehicle yet.
+    if (this.primed.has(vehicle_id) || !(summary ?? telemetry ?? state)) return;
     this.primed.add(vehicle_id);
     for (const source of ['gps', 'vision'] as const) {
       this.api

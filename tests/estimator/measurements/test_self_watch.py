@@ -121,8 +121,11 @@ def test_without_satellites_matches_that_contradict_the_estimate_with_one_voice_
 
     fly(watch, eskf, SHIFT, by_satellites=False)
 
-    std_after_m = float(np.sqrt(eskf.cov("position")[0, 0]))
-    assert std_after_m == pytest.approx(np.hypot(std_m, np.hypot(*SHIFT)) if widened else std_m, rel=0.01)
+    size_m = np.hypot(*SHIFT)
+    along, across = SHIFT / size_m, np.array([-SHIFT[1], SHIFT[0]]) / size_m
+    cov = eskf.cov("position")[:2, :2]
+    assert np.sqrt(along @ cov @ along) == pytest.approx(np.hypot(std_m, 0.5 * size_m) if widened else std_m, rel=0.01)
+    assert np.sqrt(across @ cov @ across) == pytest.approx(std_m, rel=0.01)
     assert_allclose(eskf.nominal.map_offset_ne_m, 0.0)
 
 
