@@ -22,19 +22,24 @@ WINDOWS, WHOLE, KEYPOINTS = "windows", "whole picture", "keypoints"
 @dataclass(frozen=True, slots=True)
 class PlacementConfig:
     """``turn_rad`` and ``scale`` are how far corrections of heading and height are tried, and the search reaches
-    ``max_sigmas`` of the pose and the map, at most ``radius_m``. ``inflation`` multiplies the sigma that windows claim,
-    because neighbours err alike; they count where ``min_agreement`` of them agree. ``heading_floor_rad`` and
-    ``scale_floor`` are the least that is believed of hypotheses tried. ``map_std_m`` is the map's own local error, None
-    what the matcher's calibration states; ``windows_map_std_m`` is that of a picture laid by its windows, whose
-    inflated scatter may already hold it, None the same. ``levels_px`` across the footprint are tried one after the
-    other: a map and a picture that are not alike in their finest detail may be so in what is larger. A match above
-    ``max_outlier_probability``, or more than ``max_sigmas`` from where the pose has it, is none.
+    ``max_sigmas`` of the pose and the map, at most ``radius_m``. ``inflation`` multiplies the sigma that windows
+    claim, because neighbours err alike; they count where ``min_agreement`` of them agree. ``whole_inflation``
+    multiplies that of a whole picture's likelihood, which was calibrated on the coarser pictures of navigation, and
+    ``surface_std_m`` is of the height at which what fills a whole picture stands above the ground model: seen aslant
+    it lies displaced. ``heading_floor_rad`` and ``scale_floor`` are the least that is believed of hypotheses tried.
+    ``map_std_m`` is the map's own local error, None what the matcher's calibration states; ``windows_map_std_m`` is
+    that of a picture laid by its windows, whose inflated scatter may already hold it, None the same. ``levels_px``
+    across the footprint are tried one after the other: a map and a picture that are not alike in their finest detail
+    may be so in what is larger. A match above ``max_outlier_probability``, or more than ``max_sigmas`` from where the
+    pose has it, is none.
     """
 
     radius_m: float = 10.0
     turn_rad: float = 0.052
     scale: float = 0.04
     inflation: float = 3.0
+    whole_inflation: float = 0.5
+    surface_std_m: float = 3.0
     min_agreement: float = 0.4
     heading_floor_rad: float = 0.01
     scale_floor: float = 0.03
@@ -202,7 +207,9 @@ def _by_whole(
             correction[index] = value * known[index] ** 2 / (variance + known[index] ** 2)
             std[index] = min(np.sqrt(variance), known[index])
     cov = np.diag(std**2)
-    cov[:2, :2] = _spread_m2(match, registrar)
+    axis = pose.ned_from_camera[:, 2]
+    by_height = config.surface_std_m * axis[:2] / max(float(axis[2]), 0.2)
+    cov[:2, :2] = config.whole_inflation**2 * _spread_m2(match, registrar) + np.outer(by_height, by_height)
     return correction, cov
 
 

@@ -98,6 +98,17 @@ def test_the_maps_own_error_is_what_the_calibration_or_the_caller_says() -> None
     assert_allclose((stated.cov - told.cov)[:2, :2], np.eye(2) * (stated.map_std_m**2 - 0.1**2), atol=1e-9)
 
 
+def test_a_whole_picture_seen_aslant_lies_as_unsurely_as_what_stands_on_the_ground_is_high() -> None:
+    """Ten metres of canopy lean by the tangent of the camera's angle off the vertical, along it and not across."""
+    flat, wooded = (_place(np.zeros(6), min_agreement=2.0, surface_std_m=height_m) for height_m in (0.0, 10.0))
+
+    assert isinstance(flat, Placement) and isinstance(wooded, Placement)
+    axis = TRUE_ROTATION[:, 2]
+    lean_ne_m = 10.0 * axis[:2] / axis[2]
+    assert np.hypot(*lean_ne_m) > 1.5
+    assert_allclose((wooded.cov - flat.cov)[:2, :2], np.outer(lean_ne_m, lean_ne_m), atol=1e-9)
+
+
 def test_without_windows_the_errors_still_fit_their_ellipses() -> None:
     """Errors drawn from the pose's stated covariance, over six maps: squared errors are two on average if exact."""
     rng = np.random.default_rng(3)
