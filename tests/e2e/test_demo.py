@@ -76,6 +76,8 @@ def console(tmp_path: Path) -> Iterator[Console]:
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
+        # what the browser itself reports, such as an answer of 404
+        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
         with httpx.Client(base_url=demo.address, timeout=60.0) as client:
             page.goto(demo.address, timeout=deadline.left_ms)
             try:
