@@ -145,8 +145,7 @@ class _Run:
         state = self.motion.at(_us(t_s))
         found: Sighting | None = None
         view = self._expected(believed, state)
-        # no picture is drawn that the tracker would not look at
-        if view is not None and self._may_show(view):
+        if view is not None:
             picture = self.scene.picture(t_s, pose)
             lost = tracker.lost
             began = time.process_time()
@@ -173,10 +172,6 @@ class _Run:
 
     def _view_of(self, believed: Pose, place: Float, cov: Float) -> ExpectedView:
         return expected_view(believed.pos_ned_m, believed.ned_from_camera, self.camera, place, cov)
-
-    def _may_show(self, view: ExpectedView) -> bool:
-        reach = 3.5 * float(np.sqrt(np.linalg.eigvalsh(view.cov_px2)[-1])) + 5.0
-        return _inside(view.uv_px, self.camera, -min(reach, 400.0))
 
     def _place(self, t_s: float, believed: Pose, uv: Float, cov_px2: Float) -> PlaceSighting:
         """The pixel's ray cut with the ground as navigation has it."""

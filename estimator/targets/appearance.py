@@ -3,8 +3,7 @@
 Two measures are added, as template and colour statistics fail under different changes (Bertinetto et al., Staple:
 complementary learners for real-time tracking, CVPR 2016, section 3): normalised cross-correlation over the target and
 a rim of ground, which light does not change; and how much more of the target's colour lies inside its silhouette than
-around it, which other ground under it does not change. The silhouette is cut out by graph cuts (Rother, Kolmogorov and
-Blake, GrabCut, ACM Trans. Graphics 23(3), 2004).
+around it, which other ground under it does not change.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.targets.silhouette import silhouette
 from estimator.types import Float, Image
 
 Float32 = NDArray[np.float32]
@@ -38,6 +38,11 @@ class GridView:
     known: NDArray[np.uint8]
     whole: bool
     low_px: NDArray[np.intp]
+
+    @property
+    def half_px(self) -> int:
+        """Of a square: how far it reaches."""
+        return int(self.image.shape[0]) // 2
 
 
 def square_about(half_px: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -87,28 +92,6 @@ def grid_from_picture(
             cv2.warpPerspective(ones, there, (cols, rows), flags=cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP) > 0
         ).astype(np.uint8)
     return GridView(np.asarray(seen, np.uint8), known, whole, low)
-
-
-def silhouette(patch: Image, size_px: float) -> NDArray[np.uint8]:
-    """What of a patch belongs to the thing in its middle (1), what to the ground (0); a disc where that is unclear."""
-    rows, cols = patch.shape[:2]
-    v, u = np.mgrid[0:rows, 0:cols]
-    away = np.hypot(v - (rows - 1) / 2, u - (cols - 1) / 2)
-    disc = (away <= 0.25 * size_px).astype(np.uint8)
-    marks = np.full((rows, cols), cv2.GC_BGD, np.uint8)
-    marks[away <= 0.65 * size_px] = cv2.GC_PR_BGD
-    marks[away <= 0.35 * size_px] = cv2.GC_PR_FGD
-    marks[away <= max(1.0, 0.10 * size_px)] = cv2.GC_FGD
-    cv2.setRNGSeed(0)  # its k-means draws at random; the same click must give the same template
-    cv2.grabCut(patch, marks, (0, 0, 1, 1), np.zeros((1, 65)), np.zeros((1, 65)), 3, cv2.GC_INIT_WITH_MASK)
-    cut = ((marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD)).astype(np.uint8)
-    count, labels = cv2.connectedComponents(cut, connectivity=4)
-    middle = labels[(rows - 1) // 2, (cols - 1) // 2]
-    if count < 2 or middle == 0:
-        return np.asarray(disc, np.uint8)
-    cut = (labels == middle).astype(np.uint8)
-    area, most = int(cut.sum()), math.pi * (0.5 * size_px) ** 2
-    return np.asarray(cut if 0.06 * most <= area <= 0.9 * most else disc, np.uint8)
 
 
 class ColourModel:
@@ -234,6 +217,20 @@ class Appearance:
         correlation = cv2.matchTemplate(image, template.image, cv2.TM_CCOEFF_NORMED, mask=template.mask)
         correlation = np.where(np.isfinite(correlation), np.clip(correlation, -1.0, 1.0), -1.0).astype(np.float32)
         return np.asarray(correlation, np.float32), self.contrast(likeness, template)
+
+    @staticmethod
+    def correlation(grey: Float32, template: TurnedTemplate) -> Float32:
+        """That of a grey picture alone (rows - 2 h, cols - 2 h), normalised over a square of the mask's size."""
+        inside = template.mask > 0
+        shape = cv2.cvtColor(template.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        kernel = np.where(inside, shape - float(shape[inside].mean()), 0.0).astype(np.float32)
+        kernel /= max(float(np.linalg.norm(kernel)), 1e-6)
+        response = cv2.matchTemplate(grey, kernel, cv2.TM_CCORR)
+        side, h = max(3, 2 * round(0.5 * math.sqrt(float(inside.sum()))) + 1), kernel.shape[0] // 2
+        mean, square = (cv2.boxFilter(one, -1, (side, side)) for one in (grey, grey * grey))
+        spread = np.sqrt(np.maximum(square - mean * mean, 1.0))[h : h + response.shape[0], h : h + response.shape[1]]
+        out: Float32 = (response / (spread * math.sqrt(float(inside.sum())))).astype(np.float32)
+        return out
 
     def contrast(self, likeness: Float32, template: TurnedTemplate) -> Float32:
         """The second of the two alone."""

@@ -13,11 +13,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
+from numpy.typing import NDArray
 
 from estimator.types import Float
 
 STANDING, CRUISING, MANOEUVRING = range(3)
+Complex = NDArray[np.complex128]
 _P, _V, _B = slice(0, 2), slice(2, 4), slice(4, 6)
 _SEEN = np.hstack((np.eye(2), np.zeros((2, 2)), np.eye(2)))
 
@@ -55,13 +56,14 @@ class MotionConfig:
     ``alike_s`` is the time in which the shared error falls to 1/e; ``cruise_psd`` and ``manoeuvre_psd`` are power
     spectral densities of the acceleration on each axis (m^2/s^3); rates are of changes between models, per second;
     ``forget_s`` is in what time a manoeuvring target's velocity is forgotten, which bounds its speed;
-    ``start_speed_std_m_s`` is what may be there when a target starts or is first seen. ``say_moving`` and
+    ``start_speed_std_m_s`` is what may be there when a target starts or is first seen, ``stop_speed_std_m_s`` what may
+    be left when it is taken to stand. ``say_moving`` and
     ``say_standing`` are the probabilities of motion at which the verdict changes. ``nu`` are the degrees of freedom of
     Student's t that holds down false sightings.
     """
 
     alike_s: float = 20.0
-    cruise_psd: float = 0.3
+    cruise_psd: float = 0.1
     manoeuvre_psd: float = 4.0
     stand_psd_m2_s: float = 1e-4
     forget_s: float = 60.0
@@ -70,6 +72,7 @@ class MotionConfig:
     manoeuvre_rate: float = 0.15
     settle_rate: float = 0.35
     start_speed_std_m_s: float = 7.0
+    stop_speed_std_m_s: float = 1.5
     say_moving: float = 0.95
     say_standing: float = 0.10
     nu: float = 8.0
@@ -141,6 +144,7 @@ class TargetMotion:
         self._slow = np.zeros((2, 2))
         self._down = (0.0, 0.0)
         self._moving: bool | None = None
+        self._rates = _spectrum(self.config)
 
     def update(self, sighting: PlaceSighting) -> MotionState:
         """Take a sighting in and return the state at its time; ValueError where it is older than the last one."""
@@ -181,15 +185,16 @@ class TargetMotion:
                 self._P[model, _V, _V] = self.config.start_speed_std_m_s**2 * np.eye(2)
 
     def _changes(self, dt_s: float) -> Float:
-        """Chances (3, 3) of going from a model (row) to another within ``dt_s``."""
-        c = self.config
-        rates = np.array([
-            [0.0, 0.3 * c.start_rate, 0.7 * c.start_rate],
-            [0.3 * c.stop_rate, 0.0, c.manoeuvre_rate],
-            [c.stop_rate, c.settle_rate, 0.0],
-        ])  # fmt: skip
-        rates -= np.diag(rates.sum(axis=1))
-        changes: Float = expm(rates * dt_s)
+        """Chances (3, 3) of going from a model (row) to another within ``dt_s``, from the rates' eigenvectors."""
+        values, vectors, inverse = self._rates
+        changes: Float = ((vectors * np.exp(values * dt_s)) @ inverse).real
+        # nothing stands from one moment to the next: it must have slowed down
+        for model in (CRUISING, MANOEUVRING):
+            vel, cov = self._x[model, _V], self._P[model, _V, _V]
+            spread = cov + self.config.stop_speed_std_m_s**2 * np.eye(2)
+            stops = changes[model, STANDING] * math.exp(-0.5 * float(vel @ np.linalg.solve(spread, vel)))
+            changes[model, model] += changes[model, STANDING] - stops
+            changes[model, STANDING] = stops
         return changes
 
     def _predicted(self, dt_s: float) -> tuple[Float, Float, Float]:
@@ -270,6 +275,17 @@ class TargetMotion:
             t_us, np.array([*mean[_P], down_m]), mean[_V], cov[:4, :4], down_std_m, 1.0 - float(chances[STANDING]),
             self._moving, _SEEN @ mean_left, _SEEN @ cov_left @ _SEEN.T, mean_left[_V], cov_left[_V, _V],
         )  # fmt: skip
+
+
+def _spectrum(c: MotionConfig) -> tuple[Complex, Complex, Complex]:
+    """Eigenvalues (3,), eigenvectors (3, 3) and their inverse of the rates at which the models change."""
+    rates = np.array([
+        [0.0, 0.3 * c.start_rate, 0.7 * c.start_rate],
+        [0.3 * c.stop_rate, 0.0, c.manoeuvre_rate],
+        [c.stop_rate, c.settle_rate, 0.0],
+    ])  # fmt: skip
+    values, vectors = np.linalg.eig(rates - np.diag(rates.sum(axis=1)))
+    return values.astype(complex), vectors.astype(complex), np.linalg.inv(vectors).astype(complex)
 
 
 def _moments(x: Float, P: Float, chances: Float) -> tuple[Float, Float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -23,8 +24,20 @@ from estimator.targets.appearance import (
 from estimator.targets.view import ExpectedView
 from estimator.types import Float, Image
 
-NEAR_PX = 20
+NEAR_PX = 30
+LEAST_SHOWN = 0.9
+"""Of what is compared with the template, rim included, that the picture must show: beyond its border there is but
+smear, which fits whatever is held against it."""
+LEAST_AREA = 1e-6
+"""Square pixels of the picture by a square of the grid: less is ground seen edge on."""
 BLOBS, CLOSE_PX = 24, 4
+SCANNED, SCAN_EVERY = 12, 3
+"""How many places are chosen from for their shape alone, and in how many pictures all turns are tried."""
+DIFFERING, MOVED_PX, MOST_CHANGE = 8, 5, 40.0
+"""How many places are chosen from that differ from an earlier picture, how far from there on the coarse grid the thing
+may be, and what a pixel counts at most."""
+INNER_SIZES = 4.0
+"""How far from the expected place, in the target's sizes, it most probably is if it went on as it did."""
 FLIP_MARGIN = 0.06
 """By what the less expected way round must fit better."""
 APART = 0.6
@@ -50,6 +63,12 @@ class Look:
         steps = offset_px + np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
         uv = mapped(self.picture_from_grid, steps)
         return np.stack((uv[0] - uv[1], uv[2] - uv[3]), axis=-1)
+
+    @property
+    def plain(self) -> bool:
+        """Whether the ground at the expected place lies flat enough before the camera to be laid on a grid."""
+        step = self.px_per_step(np.zeros(2))
+        return bool(np.isfinite(step).all()) and abs(float(np.linalg.det(step))) > LEAST_AREA
 
     def about(self, offset_px: Float) -> Float:
         """The homography (3, 3) from offsets about another place."""
@@ -83,30 +102,72 @@ class SearchArea:
     whole: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """Where something is known to be: within ``reach_px`` of an offset (2,), turned about so."""
+
+    offset_px: Float
+    reach_px: int
+    turn_rad: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Found:
+    """Places that fit, and offsets (2,) that were looked at closely in vain."""
+
+    matches: list[Match]
+    in_vain: list[Float]
+
+
 class Searcher:
     """Finds places that fit an appearance."""
 
-    def __init__(self, appearance: Appearance, most: int, least_score: float, least_std_px: float) -> None:
-        self.appearance, self.most, self.least_score = appearance, most, least_score
+    def __init__(self, appearance: Appearance, most: int, useful_score: float, least_std_px: float) -> None:
+        self.appearance, self.most, self.useful_score = appearance, most, useful_score
+        self.least_score = 0.6 * useful_score
         # seen from elsewhere a thing with height is not the same shape
         self.least_std_px = math.hypot(least_std_px, 0.04 * appearance.size_px)
         self._small = appearance.halved() if appearance.size_px >= 16.0 else appearance
+        self._scans = 0
         self._step = 2 if self._small is not appearance else 1
 
-    def find(self, look: Look, area: SearchArea) -> list[Match]:
-        """The best places, apart from each other, best first."""
+    def find(
+        self, look: Look, area: SearchArea, places: Sequence[Place] = (), skip: Sequence[Float] = (),
+        earlier: Look | None = None,
+    ) -> Found:  # fmt: skip
+        """The best places, apart from each other, best first.
+
+        ``places`` are looked at first; neither about them nor about the offsets in ``skip`` anything else is sought.
+        ``earlier`` is another picture of the same ground, about the same place: what differs from it is looked at too.
+        """
+        matches: list[Match] = []
+        in_vain: list[Float] = []
+        known: list[Float] = []
+        room = self.most + len(places)
+        for place in places:
+            turns = _about(place.turn_rad, TURN_STEP_RAD)
+            here = self._near(look, SearchArea(place.offset_px, place.reach_px, turns, area.scales, area.whole))
+            if here:
+                best = max(here, key=lambda match: match.score)
+                matches.append(best)
+                known.append(best.offset_px)
         if area.reach_px <= NEAR_PX and len(area.turns_rad) <= 3:
-            matches = self._near(look, area)
+            matches += self._near(look, area)
         else:
-            matches = []
-            for offset, turn in self._coarse(look, area):
-                matches += self._close(look, area, offset, turn)
+            promising = self._promising(look, area, [*known, *skip])
+            if earlier is not None:
+                differing = self._differing(look, area, earlier, [*known, *skip, *(at for at, _ in promising)])
+                promising, room = promising + differing, room + len(differing)
+            for offset, turn in promising:
+                here = self._close(look, area, offset, turn)
+                matches += here
+                if max((match.score for match in here), default=-1.0) < self.useful_score:
+                    in_vain.append(offset)
         out: list[Match] = []
         for one in sorted(matches, key=lambda match: -match.score):
-            away = [float(np.hypot(*(one.offset_px - other.offset_px))) for other in out]
-            if min(away, default=math.inf) > APART * self.appearance.size_px:
+            if _away(one.offset_px, [other.offset_px for other in out]) > APART * self.appearance.size_px:
                 out.append(one)
-        return out[: self.most]
+        return Found(out[:room], in_vain)
 
     def _close(self, look: Look, area: SearchArea, offset: Float, turn: float) -> list[Match]:
         """At full resolution: colour does not tell front from back, nor small turns apart."""
@@ -153,19 +214,33 @@ class Searcher:
         score, which = _best(a, grid.image, likeness, area.turns_rad, area.scales)
         out = []
         for row, col in peaks(score, self.most, max(3, round(0.3 * a.size_px))):
-            reach = a.half_px if area.whole else 0
-            shown = grid.known[row + a.half_px - reach : row + a.half_px + reach + 1,
-                               col + a.half_px - reach : col + a.half_px + reach + 1]  # fmt: skip
-            if score[row, col] < self.least_score or not shown.all():
+            turn, scale = divmod(int(which[row, col]), len(area.scales))
+            shown = grid.known[row : row + 2 * a.half_px + 1, col : col + 2 * a.half_px + 1]
+            mask = a.turned(area.turns_rad[turn], area.scales[scale]).mask > 0
+            if score[row, col] < self.least_score or not shown[a.half_px, a.half_px]:
+                continue
+            if not shown.all() and (area.whole or float(shown[mask].mean()) < LEAST_SHOWN):
                 continue
             step, cov = _subpixel(score, row, col, self.least_std_px)
             offset = grid.low_px + a.half_px + np.array([col, row]) + step
-            turn, scale = divmod(int(which[row, col]), len(area.scales))
             out.append(Match(offset, cov, float(score[row, col]), area.turns_rad[turn], area.scales[scale]))
         return out
 
-    def _coarse(self, look: Look, area: SearchArea) -> list[tuple[Float, float]]:
-        """Offsets (2,) with the turn that fits best there, from a grid of half the resolution."""
+    def _promising(self, look: Look, area: SearchArea, skip: Sequence[Float]) -> list[tuple[Float, float]]:
+        """Offsets (2,) with turns to be looked at closely: in all of the area, and again where the target most probably
+        is, so that all that resembles it elsewhere does not crowd it out."""
+        inner = round(INNER_SIZES * self.appearance.size_px)
+        if area.reach_px < 1.5 * inner:
+            return self._coarse(look, area, skip, SCAN_EVERY, self.most)
+        within = SearchArea(area.centre_px, inner, area.turns_rad, area.scales, area.whole)
+        first = self._coarse(look, within, skip, 1, self.most // 2)
+        taken = [*skip, *(offset for offset, _ in first)]
+        return first + self._coarse(look, area, taken, SCAN_EVERY, self.most // 2)
+
+    def _coarse(
+        self, look: Look, area: SearchArea, skip: Sequence[Float], every: int, most: int
+    ) -> list[tuple[Float, float]]:
+        """Offsets (2,) with the turn that fits best there, from a grid of half the resolution; none about ``skip``."""
         a, step = self._small, self._step
         box = self._box(look, area, step, a.half_px)
         if box is None:
@@ -174,10 +249,75 @@ class Searcher:
         grid = grid_from_picture(softened, _coarser(look.picture_from_grid, step), box)
         likeness = np.asarray(a.colour.likeness(grid.image, look.gain) * grid.known, np.float32)
         found: list[tuple[float, Float, float]] = []
-        for row, col in a.blobs(likeness, BLOBS):
-            found += self._at_blob(likeness, grid, row, col, area)
+        apart = APART * self.appearance.size_px
+        for row, col in a.blobs(likeness, BLOBS + len(skip)):
+            if _away(step * (grid.low_px + np.array([col, row])), skip) > apart:
+                found += self._at_blob(likeness, grid, row, col, area)
         found.sort(key=lambda one: -one[0])
-        return [(step * offset, turn) for _, offset, turn in found[: self.most + 2]]
+        best = [(step * offset, turn) for _, offset, turn in found[:most]]
+        if len(area.turns_rad) > 3:
+            taken = [*skip, *(offset for offset, _ in best)]
+            scanned = [(step * offset, turn) for offset, turn in self._scanned(grid, area.turns_rad, every)]
+            best += [one for one in scanned if _away(one[0], taken) > apart][: most // 2]
+        return best
+
+    def _differing(
+        self, look: Look, area: SearchArea, earlier: Look, skip: Sequence[Float]
+    ) -> list[tuple[Float, float]]:
+        """Offsets (2,) and turns of what differs from an earlier picture on the same ground and is shaped alike."""
+        a, step = self._small, self._step
+        box = self._box(look, area, step, a.half_px + MOVED_PX)
+        if box is None:
+            return []
+        now, then = (
+            grid_from_picture(one.picture, _coarser(one.picture_from_grid, step), box) for one in (look, earlier)
+        )
+        greys = [cv2.cvtColor(cv2.GaussianBlur(one.image, (0, 0), 1.0), cv2.COLOR_BGR2GRAY) for one in (now, then)]
+        known = cv2.erode(now.known & then.known, np.ones((5, 5), np.uint8))
+        change = np.minimum(cv2.absdiff(greys[0], greys[1]), MOST_CHANGE).astype(np.float32) * known
+        side = max(3, 2 * round(0.3 * a.size_px) + 1)
+        reach = a.half_px + MOVED_PX
+        inner = cv2.boxFilter(change, -1, (side, side))[reach:-reach, reach:-reach]
+        grey = cv2.cvtColor(now.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        half_round = [t for t in area.turns_rad if abs(t - area.turns_rad[0]) < math.pi - 1e-6]
+        out: list[tuple[float, Float, float]] = []
+        for row, col in peaks(np.ascontiguousarray(inner), DIFFERING, max(2, round(0.4 * a.size_px))):
+            if _away(step * (now.low_px + reach + np.array([col, row])), skip) <= APART * self.appearance.size_px:
+                continue
+            piece = grey[row : row + 2 * reach + 1, col : col + 2 * reach + 1]
+            piece = piece - float(piece.mean())
+            layers = np.stack([a.correlation(piece, a.turned(turn)) for turn in half_round])
+            which, r, c = np.unravel_index(int(layers.argmax()), layers.shape)
+            offset = step * (now.low_px + a.half_px + np.array([col + c, row + r]))
+            out.append((float(layers[which, r, c]), offset.astype(np.float64), half_round[int(which)]))
+        out.sort(key=lambda one: -one[0])
+        return [(offset, turn) for _, offset, turn in out[: self.most // 2]]
+
+    def _scanned(self, grid: GridView, turns: tuple[float, ...], every: int) -> list[tuple[Float, float]]:
+        """Offsets (2,) and turns that correlate in grey, whatever the colour: one turn in ``every`` a time."""
+        a = self._small
+        half_round = [t for t in turns if abs(t - turns[0]) < math.pi - 1e-6]
+        self._scans += 1
+        grey = cv2.cvtColor(grid.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+        grey -= grey.mean()
+        top: Float32 | None = None
+        which = np.zeros((1, 1), np.intp)
+        for k, turn in enumerate(half_round):
+            if (k + self._scans) % every:
+                continue
+            score = a.correlation(grey, a.turned(turn))
+            better = np.ones(score.shape, bool) if top is None else score > top
+            which = np.where(better, k, which)
+            top = score if top is None else np.maximum(top, score)
+        if top is None:
+            return []
+        shown = grid.known[a.half_px : a.half_px + top.shape[0], a.half_px : a.half_px + top.shape[1]]
+        top = np.where(shown > 0, top, np.float32(-1.0))
+        out = []
+        for row, col in peaks(top, SCANNED, max(2, round(0.3 * a.size_px))):
+            offset = grid.low_px + a.half_px + np.array([col, row])
+            out.append((offset.astype(np.float64), half_round[int(which[row, col])]))
+        return out
 
     def _at_blob(
         self, likeness: Float32, grid: GridView, row: int, col: int, area: SearchArea
@@ -198,10 +338,14 @@ class Searcher:
         return [(float(layers[which, r, c]), offset.astype(np.float64), turns[which])]
 
 
+def surroundings_of(look: Look, offset_px: Float, half_px: int) -> GridView:
+    """What lies within ``half_px`` of a place."""
+    return grid_from_picture(look.picture, look.about(offset_px), square_about(half_px))
+
+
 def surroundings_fit(look: Look, offset_px: Float, remembered: GridView) -> float:
     """Correlation in [-1, 1] of a place's surroundings with remembered ones; 0 where too little of them shows."""
-    half = remembered.image.shape[0] // 2
-    now = grid_from_picture(look.picture, look.about(offset_px), square_about(half))
+    now = surroundings_of(look, offset_px, remembered.half_px)
     known = (now.known & remembered.known) > 0
     if known.mean() < 0.25:
         return 0.0
@@ -209,6 +353,20 @@ def surroundings_fit(look: Look, offset_px: Float, remembered: GridView) -> floa
     b = cv2.GaussianBlur(remembered.image, (0, 0), 1.0)[known].astype(np.float64)
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     return float((a * b).sum() / math.sqrt(max(float((a * a).sum() * (b * b).sum()), 1e-9)))
+
+
+def likeness_by_shift(now: GridView, then: GridView, without_px: int) -> tuple[Float32, Float]:
+    """Correlation (n, n) of a square, without what is in its middle, with a larger one about the same place, and the
+    shifts (n, n, 2) right and down that they belong to; -1 where they cannot be told."""
+    small = cv2.resize(cv2.cvtColor(then.image, cv2.COLOR_BGR2GRAY), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    large = cv2.resize(cv2.cvtColor(now.image, cv2.COLOR_BGR2GRAY), None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    mask = cv2.resize(then.known, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST)
+    cv2.circle(mask, (small.shape[1] // 2, small.shape[0] // 2), math.ceil(0.5 * without_px), (0,), -1)
+    found = cv2.matchTemplate(large, small, cv2.TM_CCOEFF_NORMED, mask=mask)
+    found = np.where(np.isfinite(found) & (np.abs(found) <= 1.0), found, -1.0)
+    rows, cols = np.mgrid[0 : found.shape[0], 0 : found.shape[1]]
+    middle = 0.5 * (np.array(large.shape[::-1]) - np.array(small.shape[::-1]))
+    return np.asarray(found, np.float32), 2.0 * (np.stack((cols, rows), axis=-1) - middle)
 
 
 def picture_from_grid(view: ExpectedView, m_per_grid_px: float) -> Float:
@@ -240,6 +398,11 @@ def _through(homography: Float, uv_px: Float) -> Float:
 def _coarser(homography: Float, step: int) -> Float:
     out: Float = homography @ np.diag([float(step), float(step), 1.0])
     return out
+
+
+def _away(offset_px: Float, others: Sequence[Float]) -> float:
+    """Distance to the nearest of other offsets (2,)."""
+    return float(np.min(np.hypot(*(np.stack(others) - offset_px).T))) if others else math.inf
 
 
 def _about(turn_rad: float, step_rad: float) -> tuple[float, ...]:

@@ -10,24 +10,27 @@ anything else about, and, of a target that stood, have the same surroundings.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.targets.appearance import RING_PX, Appearance, GridView, grid_from_picture, square_about
-from estimator.targets.candidates import Candidate, Chain
+from estimator.targets.anchor import Before, anchored_place
+from estimator.targets.appearance import RING_PX, Appearance, GridView, grid_from_picture, picture_box, square_about
+from estimator.targets.candidates import Candidate, Chain, Going, Pursuit
 from estimator.targets.search import (
     APART,
     TURN_STEP_RAD,
     WIDE_STEP_RAD,
     Look,
     Match,
+    Place,
     SearchArea,
     Searcher,
     affine_from_grid,
     picture_from_grid,
     surroundings_fit,
 )  # fmt: skip
+from estimator.targets.tracker_config import TrackerConfig
 from estimator.targets.view import PICTURE_UPRIGHT, ExpectedView
 from estimator.types import Float, Image
 
@@ -36,72 +39,6 @@ MIN_PICTURE_PX = 32
 
 class CannotFollowError(ValueError):
     """A click that no tracker can start from: where it is, or what it shows, is not enough."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerConfig:
-    """Sizes in pixels of the grid, scores in [-1, 1], times in seconds.
-
-    Attributes
-    ----------
-    size_m, size_px, most_size_px
-        A target's greatest extent where the start does not say: metres where the scale is known, pixels of the picture
-        otherwise; and what it has on the grid at most.
-    keep_score, find_score, worse
-        What a target in sight must fit; what one that was lost must, and by how much at most it may fit worse than
-        usual.
-    find_pictures, find_s, find_moving_s, judged_s
-        In how many pictures and over what time it must be seen before it is found; of one that drives; and how far
-        back candidates are judged by.
-    margin
-        By how many natural log units it must lead whatever else fits.
-    least_speed_m_s, least_speed_share, speed_std_m_s, speed_sigmas, uneven_m, course_off_rad, parked_m_s
-        How one that drives must move: at least so fast, or that share of the expected speed; its velocity, measured so
-        well, within so many standard deviations; so evenly; along its long axis. What seems slower than the last is
-        taken to stand, and tells how fast what stands seems to move.
-    surroundings, surroundings_sizes
-        The correlation that the surroundings of one that stands must reach, and how far they reach, in its sizes.
-    score_std
-        The score's standard deviation: what a difference in score is worth.
-    gate_sigmas, most_reach_m, chain_m
-        How far from the expected place is searched, in standard deviations and at most; and what a candidate may jump.
-    lost_after_s, least_std_px, candidates
-        When it is lost; the least standard deviation of a place on the grid; how many places are looked at closely.
-    """
-
-    size_m: float = 5.0
-    size_px: float = 32.0
-    most_size_px: float = 36.0
-    keep_score: float = 0.45
-    find_score: float = 0.58
-    find_pictures: int = 3
-    find_s: float = 0.3
-    find_moving_s: float = 0.75
-    least_speed_m_s: float = 1.5
-    least_speed_share: float = 0.6
-    speed_std_m_s: float = 0.7
-    speed_sigmas: float = 2.0
-    judged_s: float = 1.2
-    most_reach_m: float = 60.0
-    parked_m_s: float = 3.5
-    chain_m: float = 0.8
-    uneven_m: float = 0.45
-    course_off_rad: float = 0.55
-    worse: float = 0.13
-    margin: float = 3.0
-    surroundings: float = 0.40
-    surroundings_sizes: float = 1.8
-    score_std: float = 0.07
-    gate_sigmas: float = 3.0
-    lost_after_s: float = 0.7
-    least_std_px: float = 0.35
-    candidates: int = 6
-
-    def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                message = f"{name} must be positive and finite, not {getattr(self, name)}"
-                raise ValueError(message)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,19 +80,20 @@ class TargetTracker:
         self.config = config
         self.appearance = appearance
         self.last_seen_us = t_us
-        self._search = Searcher(appearance, config.candidates, 0.6 * config.keep_score, config.least_std_px)
+        self._search = Searcher(appearance, config.candidates, config.keep_score, config.least_std_px)
         self._m = m_per_grid_px
         self._t_us = t_us
         self._uv, self._px_per_m = uv_px, px_per_m
         self._drift_px_s = np.zeros(2)
-        self._offset_m = np.zeros(2)
+        self._offset_m, self._anchor_m = np.zeros(2), np.zeros(2)
         self._turn, self._scale, self._gain = 0.0, 1.0, 1.0
         self._course_0 = course_rad
         self._surroundings = surroundings
         self._usual = 0.8
-        self._ground_m_s = np.zeros(2)
-        self._chains: list[Chain] = []
+        self._pursuit = Pursuit(config)
         self._lost = False
+        self._before: Before | None = None
+        self._sought: tuple[int, Look] | None = None
 
     @classmethod
     def start(
@@ -219,7 +157,9 @@ class TargetTracker:
             raise CannotFollowError(message)
         reach = round(config.surroundings_sizes * size)
         around = grid_from_picture(picture, affine_from_grid(uv, jacobian, metres), square_about(reach))
-        return cls(Appearance(grid.image, size), metres, t_us, uv, jacobian, course_rad, around, config)
+        tracker = cls(Appearance(grid.image, size), metres, t_us, uv, jacobian, course_rad, around, config)
+        tracker._before = Before(t_us, Look(picture, affine_from_grid(uv, jacobian, metres), 1.0), np.zeros(2))
+        return tracker
 
     @property
     def lost(self) -> bool:
@@ -236,24 +176,74 @@ class TargetTracker:
         if t_us < self._t_us:
             message = f"pictures must come in order: {t_us} us is before {self._t_us} us"
             raise ValueError(message)
-        dt_s = (t_us - self._t_us) / 1e6
         self._t_us = t_us
         if (t_us - self.last_seen_us) / 1e6 > self.config.lost_after_s and not self._lost:
-            self._lost, self._chains = True, []
+            self._lost = True
+            self._pursuit.clear()
         view = expected if expected is not None else self._guess(picture, t_us)
         look = Look(picture, picture_from_grid(view, self._m), self._gain)
+        if not look.plain:
+            return Lost(t_us, OUTSIDE, self.last_seen_us)
         centre, cov = self._where(look, view, t_us)
         reach = math.ceil(self.config.gate_sigmas * math.sqrt(float(np.linalg.eigvalsh(cov)[-1]))) + 2
         reach = min(reach, math.ceil(self.config.most_reach_m / self._m) if expected is not None else reach)
-        limit = np.array([picture.shape[1], picture.shape[0]], dtype=np.float64)
-        beyond = np.maximum(np.maximum(-look.pixel(centre), look.pixel(centre) - limit), 0.0)
-        if float(np.hypot(*beyond)) > reach * self._density(view):
-            self._chains = []
+        low, high = picture_box(picture, look.picture_from_grid)
+        if (np.maximum(low - centre, centre - high) > reach).any():
             return Lost(t_us, OUTSIDE, self.last_seen_us)
         scales = (1.0,) if expected is not None or self._lost else (0.95, 1.0, 1.05)
-        area = SearchArea(centre, reach, self._turns(view), tuple(self._scale * s for s in scales), self._lost)
-        found = self._weighed(look, view, self._search.find(look, area), centre, cov)
-        return self._find(found, view, look, t_us, dt_s) if self._lost else self._keep(found, view, look, t_us)
+        area = SearchArea(centre, reach, self._turns(view, t_us), tuple(self._scale * s for s in scales), self._lost)
+        if not self._lost:
+            matches = self._anchored(look, view, t_us)
+            if matches is None:
+                matches = self._search.find(look, area).matches
+            return self._keep(self._weighed(look, view, matches, centre, cov), view, look, t_us)
+        going = self._going(view, t_us)
+        places, skip = self._pursuit.places(going, t_us, self._m) if going.moving else ([], [])
+        if view.moving is False:
+            anchor = self._anchor(look, np.zeros(2), min(reach, self.config.anchor_px))
+            places = [] if anchor is None else [Place(anchor, self.config.anchored_px, self._turn)]
+        seen = self._search.find(look, area, places, skip, self._earlier(look, going, t_us))
+        self._pursuit.refute([offset * self._m for offset in seen.in_vain], t_us)
+        found = self._weighed(look, view, seen.matches, centre, cov)
+        self._pursuit.extend(found, going, look, self._surroundings.half_px, t_us)
+        return self._find(found, going, view, look, t_us)
+
+    def _earlier(self, look: Look, going: Going, t_us: int) -> Look | None:
+        """The picture sought in before this one, about the same ground; None where there is none or nothing drives."""
+        last, self._sought = self._sought, (t_us, look)
+        if last is None or not going.moving or not 0.0 < (t_us - last[0]) / 1e6 <= self.config.lost_after_s:
+            return None
+        way_px = going.vel_m_s * ((t_us - last[0]) / 1e6) / self._m
+        return Look(last[1].picture, last[1].about(way_px), last[1].gain)
+
+    def _anchor(self, look: Look, about_px: Float, reach_px: int) -> Float | None:
+        return anchored_place(look, self._surroundings, self.appearance.size_px, about_px, reach_px)
+
+    def _anchored(self, look: Look, view: ExpectedView, t_us: int) -> list[Match] | None:
+        """What fits in sight where the ground has something that stands; None where that is to be sought more widely:
+        it does not stand, the ground is not known again, or it is not there any more."""
+        if view.moving is not False:
+            return None
+        at = self._anchor(look, self._anchor_m / self._m, self.config.anchor_px // 2)
+        if at is None:
+            return None
+        self._anchor_m = at * self._m
+        reach = self.config.anchored_px
+        here = self._search.find(look, SearchArea(at, reach, self._turns(view, t_us), (self._scale,))).matches
+        # on the edge it is no peak, but the slope of one elsewhere
+        inside = [one for one in here if float(np.abs(one.offset_px - np.round(at)).max()) < reach - 0.5]
+        inside = [one for one in inside if one.score >= self.config.keep_score]
+        shown = grid_from_picture(look.picture, look.about(at), square_about(self.appearance.half_px)).whole
+        return inside if inside or not shown else None
+
+    def _going(self, view: ExpectedView, t_us: int) -> Going:
+        """How the target is expected to go."""
+        std_m_s = view.rate_std_px_s / math.sqrt(abs(float(np.linalg.det(view.px_per_m))))
+        vel = np.array([view.vel_ne_m_s[1], -view.vel_ne_m_s[0]])
+        return Going(vel, std_m_s, view.moving is True, self._long_away(t_us))
+
+    def _long_away(self, t_us: int) -> bool:
+        return (t_us - self.last_seen_us) / 1e6 > self.config.long_away_s
 
     def _guess(self, picture: Image, t_us: int) -> ExpectedView:
         """Where the target should be when nobody says: as far on as it went, and ever less surely."""
@@ -282,7 +272,7 @@ class TargetTracker:
             return np.zeros(2), cov
         return self._offset_m / self._m, std**2 * np.eye(2)
 
-    def _turns(self, view: ExpectedView) -> tuple[float, ...]:
+    def _turns(self, view: ExpectedView, t_us: int) -> tuple[float, ...]:
         """Turns since the click that are worth trying."""
         if view.moving is False:
             return (self._turn,)
@@ -292,7 +282,8 @@ class TargetTracker:
         middle = self._turn
         if np.isfinite(view.course_rad) and np.isfinite(self._course_0):
             middle = view.course_rad - self._course_0
-            count = min(count, math.ceil(2.5 * view.course_std_rad / WIDE_STEP_RAD) + 1)
+            if not self._long_away(t_us):
+                count = min(count, math.ceil(2.5 * view.course_std_rad / WIDE_STEP_RAD) + 1)
         last = count if 2 * count * WIDE_STEP_RAD < 2.0 * math.pi - 1e-6 else count - 1
         return tuple(middle + WIDE_STEP_RAD * k for k in range(-count, last + 1))
 
@@ -316,122 +307,73 @@ class TargetTracker:
         return sorted(out, key=lambda one: -one.evidence)
 
     def _keep(self, found: list[Candidate], view: ExpectedView, look: Look, t_us: int) -> Sighting | Lost:
-        if not found or found[0].match.score < self.config.keep_score:
+        least = self.config.keep_score
+        if view.moving is True:  # one that drives slides off onto what stands
+            least = max(least, self._usual - self.config.worse_in_sight)
+        found = [one for one in found if not self._stood_there(one.match, view, look, t_us)]
+        if not found or found[0].match.score < least:
             return Lost(t_us, NOT_SEEN, self.last_seen_us)
         lead = found[0].evidence - found[1].evidence if len(found) > 1 else math.inf
+        if lead < self.config.keep_margin and found[1].match.score >= self.config.keep_score:
+            return Lost(t_us, ALIKE, self.last_seen_us)
         confidence = _confidence(found[0].match.score, lead, self.config)
         return self._seen(found[0], confidence, view, look, t_us, False)
 
-    def _find(self, found: list[Candidate], view: ExpectedView, look: Look, t_us: int, dt_s: float) -> Sighting | Lost:
-        c = self.config
-        self._extend(found, view, t_us, dt_s)
-        if not found:
-            return Lost(t_us, NOT_SEEN, self.last_seen_us)
-        moving = view.moving is True
-        self._ground_m_s = self._ground_velocity()
-        rivals = sorted(
-            ((self._weight(chain, view), chain) for chain in self._chains if not moving or self._goes_as(chain, view)),
-            key=lambda pair: -pair[0],
-        )
+    def _stood_there(self, match: Match, view: ExpectedView, look: Look, t_us: int) -> bool:
+        """Whether what fits was where it is when the target was last seen elsewhere, or is where the target was."""
+        if self._before is None or view.moving is False or not self._before.useful(t_us):
+            return False
+        dt_s = (t_us - self._before.t_us) / 1e6
+        step = np.array([view.vel_ne_m_s[1], -view.vel_ne_m_s[0]]) * dt_s / self._m
+        c, tolerance = self.config, math.inf
+        if view.moving is True:
+            rate_m_s = view.rate_std_px_s / math.sqrt(abs(float(np.linalg.det(view.px_per_m))))
+            tolerance = (c.step_m + c.gate_sigmas * rate_m_s * dt_s) / self._m
+        return self._before.speaks_against(self._search, look, match, step, tolerance, self._surroundings.half_px)
+
+    def _find(
+        self, found: list[Candidate], going: Going, view: ExpectedView, look: Look, t_us: int
+    ) -> Sighting | Lost:  # fmt: skip
+        rivals = self._pursuit.rivals(going, self._course_0)
         evidence, best = next(((w, chain) for w, chain in rivals if chain.last_us == t_us), (0.0, None))
-        if best is None or len(best.candidates) < c.find_pictures:
-            return Lost(t_us, UNSURE, self.last_seen_us)
-        if best.span_s < (c.find_moving_s if moving else c.find_s):
-            return Lost(t_us, UNSURE, self.last_seen_us)
-        surroundings = float(np.mean([one.surroundings for one in best.candidates]))
-        if (
-            best.score < max(c.find_score, self._usual - c.worse) or surroundings < c.surroundings
-        ):  # NaN where they were not asked
-            return Lost(t_us, NOT_SEEN, self.last_seen_us)
+        if not found or best is None:
+            # one that drives is not seen in what stands, however much that may look like it
+            return Lost(t_us, NOT_SEEN if not found or going.moving else UNSURE, self.last_seen_us)
         apart_m = APART * self.appearance.size_px * self._m
         place_m = best.candidates[-1].offset_m
         others = [w for w, chain in rivals if float(np.hypot(*(chain.candidates[-1].offset_m - place_m))) > apart_m]
         lead = evidence - max(others) if others else math.inf
+        doubt = self._doubt(best, lead, going, look)
+        if doubt is not None:
+            return Lost(t_us, doubt, self.last_seen_us)
+        one = self._pursuit.right_way_round(best, self._course_0) if going.moving else best.candidates[-1]
+        self._lost = False
+        self._usual = min(self._usual, best.score)
+        self._pursuit.clear()
+        return self._seen(one, _confidence(best.score, lead, self.config), view, look, t_us, True)
+
+    def _doubt(self, best: Chain, lead: float, going: Going, look: Look) -> str | None:
+        """What speaks against the best candidate being the target; None where nothing does."""
+        c = self.config
+        pictures, span_s = (c.moving_pictures, c.find_moving_s) if going.moving else (c.find_pictures, c.find_s)
+        if len(best.candidates) < pictures or best.span_s < span_s:
+            return UNSURE
+        if going.moving:
+            least = max(c.find_moving_score, self._usual - c.worse_moving)
+            unlike = self._pursuit.weight(best, going) < c.least_weight or best.candidates[-1].match.score < least
+        else:
+            # NaN where they were not asked
+            surroundings = float(np.mean([one.surroundings for one in best.candidates]))
+            unlike = surroundings < c.surroundings
+            # where the ground leaves no doubt the light may be another
+            least = c.find_score if surroundings >= c.sure_surroundings else max(c.find_score, self._usual - c.worse)
+        if unlike or best.score < least:
+            return NOT_SEEN
         if lead < c.margin:
-            return Lost(t_us, ALIKE, self.last_seen_us)
-        self._lost, self._chains = False, []
-        one = self._right_way_round(best) if moving else best.candidates[-1]
-        return self._seen(one, _confidence(best.score, lead, c), view, look, t_us, True)
-
-    def _extend(self, found: list[Candidate], view: ExpectedView, t_us: int, dt_s: float) -> None:
-        """Add candidates to the chains whose place they share, and begin chains for the rest."""
-        c = self.config
-        went_m = np.array([view.vel_ne_m_s[1], -view.vel_ne_m_s[0]]) * dt_s
-        per_px = self._m / self._density(view)
-        taken: set[int] = set()
-        for chain in sorted(self._chains, key=lambda one: -one.evidence):
-            gap_s = (t_us - chain.last_us) / 1e6
-            # a rival that stands among what moves is followed as well
-            reach_m = (
-                c.chain_m + (c.gate_sigmas * view.rate_std_px_s * per_px + float(np.hypot(*view.vel_ne_m_s))) * gap_s
-            )
-            expected = chain.candidates[-1].offset_m
-            if len(chain.times_us) > 1:
-                going = chain.velocity_m_s() * gap_s - went_m * (gap_s / max(dt_s, 1e-6))
-                expected, reach_m = expected + going, c.chain_m + 4.0 * gap_s
-            options = [
-                (float(np.hypot(*(one.offset_m - expected))), k) for k, one in enumerate(found) if k not in taken
-            ]
-            options = [option for option in options if option[0] <= reach_m]
-            if options:
-                k = min(options)[1]
-                taken.add(k)
-                step = found[k].offset_m - chain.candidates[-1].offset_m + went_m * (gap_s / max(dt_s, 1e-6))
-                chain.path_m.append(chain.path_m[-1] + step)
-                chain.candidates.append(found[k])
-                chain.times_us.append(t_us)
-                chain.forget_before(t_us - round(c.judged_s * 1e6))
-        self._chains += [Chain([t_us], [one], [np.zeros(2)]) for k, one in enumerate(found) if k not in taken]
-        self._chains = [chain for chain in self._chains if (t_us - chain.last_us) / 1e6 <= c.lost_after_s]
-
-    def _right_way_round(self, chain: Chain) -> Candidate:
-        """The last of a chain's candidates, with front and back as it moves."""
-        one = chain.candidates[-1]
-        if not np.isfinite(self._course_0):
-            return one
-        right, down = chain.velocity_m_s() - self._ground_m_s
-        turn = math.atan2(right, -down) - self._course_0
-        if abs(math.remainder(turn - one.match.turn_rad, 2.0 * math.pi)) < 0.5 * math.pi:
-            return one
-        return replace(one, match=replace(one.match, turn_rad=one.match.turn_rad + math.pi))
-
-    def _ground_velocity(self) -> Float:
-        """How fast (2,) what stands seems to move, from the candidates that hardly do: the pose's error changes, and
-        other ground lies at other heights."""
-        slow = [chain.velocity_m_s() for chain in self._chains if len(chain.times_us) >= self.config.find_pictures]
-        slow = [vel for vel in slow if float(np.hypot(*vel)) < self.config.parked_m_s]
-        out: Float = np.median(slow, axis=0) if len(slow) >= 2 else np.zeros(2)
-        return out
-
-    def _goes_as(self, chain: Chain, view: ExpectedView) -> bool:
-        """Whether a candidate moves over ground, and no otherwise than the target may."""
-        if len(chain.times_us) < 2:
-            return False
-        c = self.config
-        right, down = chain.velocity_m_s() - self._ground_m_s
-        least = max(c.least_speed_m_s, c.least_speed_share * float(np.hypot(*view.vel_ne_m_s)))
-        if np.hypot(right, down) < least or self._speed_sigmas(chain, view) > c.speed_sigmas:
-            return False
-        if chain.unevenness_m() > c.uneven_m:
-            return False
-        if not np.isfinite(self._course_0):
-            return True
-        # a car goes where it looks: its turn since the click is that of its course; front and back look much alike
-        turn = math.atan2(right, -down) - self._course_0
-        off = [abs(math.remainder(turn - one.match.turn_rad, math.pi)) for one in chain.candidates]
-        return float(np.median(off)) < c.course_off_rad
-
-    def _speed_sigmas(self, chain: Chain, view: ExpectedView) -> float:
-        """How far a candidate's velocity lies from the target's, over the standard deviation of that."""
-        right, down = chain.velocity_m_s() - self._ground_m_s
-        std_m_s = view.rate_std_px_s / math.sqrt(abs(float(np.linalg.det(view.px_per_m)))) + self.config.speed_std_m_s
-        return float(np.hypot(*(np.array([-down, right]) - view.vel_ne_m_s))) / std_m_s
-
-    def _weight(self, chain: Chain, view: ExpectedView) -> float:
-        """All that speaks for a candidate: as it was seen, and as it moves."""
-        if view.moving is not True or len(chain.times_us) < 2:
-            return chain.evidence
-        return chain.evidence - 0.5 * self._speed_sigmas(chain, view) ** 2
+            return ALIKE
+        if going.moving and not self._pursuit.leaves_its_place(best, look, self._m, self.appearance.size_px):
+            return UNSURE
+        return None
 
     def _seen(
         self, one: Candidate, confidence: float, view: ExpectedView, look: Look, t_us: int, found_again: bool
@@ -446,6 +388,8 @@ class TargetTracker:
         if np.isfinite(view.course_rad) and not np.isfinite(self._course_0):
             self._course_0 = view.course_rad - match.turn_rad
         self._usual += 0.1 * (match.score - self._usual)
+        if found_again or self._before is None or self._before.old(t_us):
+            self._before = Before(t_us, look, match.offset_px)
         self._learn(match, view, look)
         per_step = look.px_per_step(match.offset_px)
         cov = per_step @ match.cov_px2 @ per_step.T
@@ -453,7 +397,8 @@ class TargetTracker:
         return Sighting(t_us, uv, cov, confidence, match.score, turn, found_again)
 
     def _learn(self, match: Match, view: ExpectedView, look: Look) -> None:
-        """Take over the light, and the surroundings of what is not known to stand."""
+        """Take over the light, and the surroundings of what drives; what stands keeps those that it was clicked or came
+        to stand in."""
         if match.score < self.config.find_score:
             return
         template = self.appearance.turned(match.turn_rad, match.scale)
@@ -462,7 +407,8 @@ class TargetTracker:
             return
         light = self.appearance.mean_colour(grid.image, template.inside)[0] / max(self.appearance.mean_lab[0], 1.0)
         self._gain = float(np.clip(0.8 * self._gain + 0.2 * light, 0.5, 2.0))
-        if view.moving is not False:
+        if view.moving is True:
+            self._anchor_m = self._offset_m
             half = self._surroundings.image.shape[0] // 2
             self._surroundings = grid_from_picture(look.picture, look.about(match.offset_px), square_about(half))
 

@@ -89,6 +89,31 @@ def test_a_car_that_stops_is_said_to_stand() -> None:
     assert states[-1].moving is False
 
 
+def test_a_fast_car_is_not_said_to_stand_as_soon_as_its_sightings_stay_in_one_place() -> None:
+    path, _ = _driving(60, 0.2)
+    for seed in range(6):
+        states = _followed(np.vstack((path, np.tile(path[-1], (3, 1)))), 0.2, seed, slow_m=0.5)
+        assert states[59].moving is True
+        assert states[-1].moving is True
+
+
+def test_models_change_as_their_rates_say() -> None:
+    c = MotionConfig()
+    rates = np.array([
+        [0.0, 0.3 * c.start_rate, 0.7 * c.start_rate],
+        [0.3 * c.stop_rate, 0.0, c.manoeuvre_rate],
+        [c.stop_rate, c.settle_rate, 0.0],
+    ])  # fmt: skip
+    rates -= np.diag(rates.sum(axis=1))
+    for dt_s in (0.0, 0.2, 13.0):
+        chances = np.array([0.0, 1.0, 0.0]) @ expm(rates * dt_s)
+        motion = TargetMotion()
+        # at rest, so that nothing keeps it from standing
+        motion.update(PlaceSighting(0, np.zeros(3), 0.01 * np.eye(2), 0.01 * np.eye(2)))
+        motion._chances = np.array([0.0, 1.0, 0.0])
+        assert motion.at(round(dt_s * 1e6)).moving_probability == pytest.approx(1.0 - chances[0], abs=1e-9)
+
+
 def test_prediction_goes_on_and_grows_unsure() -> None:
     path, _ = _driving(40, 0.2)
     motion = TargetMotion()

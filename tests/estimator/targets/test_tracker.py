@@ -8,7 +8,6 @@ import pytest
 
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
-from estimator.geometry.rotation import matrix_from_euler
 from estimator.targets.tracker import (
     ALIKE,
     NOT_SEEN,
@@ -20,99 +19,25 @@ from estimator.targets.tracker import (
     TargetTracker,
 )  # fmt: skip
 from estimator.targets.view import ExpectedView, Motion, expected_view
-from estimator.types import Float, Image
-
-CAMERA = Camera.from_hfov(640, 480, np.radians(60.0))
-DOWN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # camera right is east, picture up is north
-RED, BLUE = (40, 40, 190), (170, 60, 30)
-GSD_M = 0.1
-
-
-def _ground(seed: int = 0) -> Image:
-    """A raster of ground 240 m wide, a pixel 0.1 m: blotches at several sizes."""
-    rng = np.random.default_rng(seed)
-    size = 2400
-    ground = np.full((size, size), 105.0, np.float32)
-    for cells, strength in ((20, 14.0), (120, 12.0), (600, 8.0)):
-        blotches = rng.standard_normal((cells, cells)).astype(np.float32)
-        ground += strength * cv2.resize(blotches, (size, size), interpolation=cv2.INTER_CUBIC)
-    tinted = np.stack((0.85 * ground, ground, 0.95 * ground), axis=-1)
-    return np.clip(tinted, 0, 255).astype(np.uint8)
-
-
-GROUND = _ground()
-
-
-def _car(raster: Image, ne_m: Float, yaw_rad: float, bgr: tuple[int, int, int]) -> None:
-    along = np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
-    across = np.array([-along[1], along[0]])
-
-    def box(front: float, back: float, half: float, colour: tuple[int, int, int]) -> None:
-        corners = [
-            ne_m + a * along + b * across for a, b in ((front, half), (front, -half), (back, -half), (back, half))
-        ]
-        pixels = np.array([[c[1] / GSD_M + 1200.0, 1200.0 - c[0] / GSD_M] for c in corners])
-        cv2.fillConvexPoly(raster, np.round(pixels * 16).astype(np.int32), colour, cv2.LINE_AA, 4)
-
-    box(2.25, -2.25, 0.9, bgr)
-    box(1.1, 0.4, 0.75, (45, 40, 38))
-    box(-1.3, -1.8, 0.75, (45, 40, 38))
-
-
-def _picture(
-    pos: Float, rotation: Float, cars: list[tuple[Float, float, tuple[int, int, int]]], noise: int = 0
-) -> Image:
-    """The ground with cars on it as the camera sees it: a plane at down 0."""
-    raster = GROUND.copy()
-    for ne, yaw, bgr in cars:
-        _car(raster, ne, yaw, bgr)
-    # raster pixel (c, r) -> NED -> camera -> picture
-    to_ned = np.array([[0.0, -GSD_M, 1200 * GSD_M], [GSD_M, 0.0, -1200 * GSD_M], [0.0, 0.0, 0.0]])
-    to_ned[:, 2] -= pos
-    homography = CAMERA.matrix @ rotation.T @ to_ned
-    seen = cv2.warpPerspective(raster, homography, (640, 480), flags=cv2.INTER_AREA)
-    rng = np.random.default_rng(noise)
-    return np.asarray(np.clip(seen + rng.normal(0.0, 2.5, seen.shape), 0, 255), np.uint8)
-
-
-def _pose(north: float, east: float, height: float = 90.0, yaw: float = 0.0, tilt: float = 0.0) -> tuple[Float, Float]:
-    return np.array([north, east, -height]), matrix_from_euler(tilt, 0.0, yaw) @ DOWN
-
-
-def _pixel(pose: tuple[Float, Float], ne: Float) -> Float:
-    return CAMERA.project((np.array([*ne, 0.0]) - pose[0]) @ pose[1])
-
-
-def _view(
-    pose: tuple[Float, Float],
-    ne: Float,
-    std_m: float = 2.0,
-    motion: Motion | None = None,
-    off_m: tuple[float, float] = (0, 0),
-) -> ExpectedView:
-    place = np.array([ne[0] + off_m[0], ne[1] + off_m[1], 0.0])
-    return expected_view(*pose, CAMERA, place, std_m**2 * np.eye(2), motion)
-
-
-STANDS = Motion(np.zeros(2), 1e-4 * np.eye(2), moving=False)
-CAR = np.array([3.0, -2.0])
+from estimator.types import Float
+from tests.estimator.targets.drawn import BLUE, CAMERA, CAR, RED, STANDS, draw, pixel_of, pose_at, view_of
 
 
 def _started(cars: list[tuple[Float, float, tuple[int, int, int]]] | None = None) -> TargetTracker:
-    pose = _pose(0.0, 0.0)
-    picture = _picture(*pose, cars or [(CAR, 0.4, RED)])
-    return TargetTracker.start(picture, _pixel(pose, CAR), 0, _view(pose, CAR).px_per_m)
+    pose = pose_at(0.0, 0.0)
+    picture = draw(*pose, cars or [(CAR, 0.4, RED)])
+    return TargetTracker.start(picture, pixel_of(pose, CAR), 0, view_of(pose, CAR).px_per_m)
 
 
 def test_a_parked_car_stays_found_while_the_camera_turns_climbs_and_tilts() -> None:
     tracker = _started()
     for k in range(1, 25):
-        pose = _pose(0.8 * k, -0.5 * k, 90.0 + 1.5 * k, 0.12 * k, 0.01 * k)
+        pose = pose_at(0.8 * k, -0.5 * k, 90.0 + 1.5 * k, 0.12 * k, 0.01 * k)
         answer = tracker.update(
-            _picture(*pose, [(CAR, 0.4, RED)], k), 200_000 * k, _view(pose, CAR, 2.0, STANDS, (1.0, -1.0))
+            draw(*pose, [(CAR, 0.4, RED)], k), 200_000 * k, view_of(pose, CAR, 2.0, STANDS, (1.0, -1.0))
         )
         assert isinstance(answer, Sighting)
-        assert np.hypot(*(answer.uv_px - _pixel(pose, CAR))) < 1.5
+        assert np.hypot(*(answer.uv_px - pixel_of(pose, CAR))) < 1.5
         assert answer.confidence > 0.8
 
 
@@ -120,10 +45,10 @@ def test_its_pixel_errs_as_little_as_it_says() -> None:
     tracker = _started()
     nees, misses = [], []
     for k in range(1, 31):
-        pose = _pose(0.37 * k, -0.23 * k, 90.0, 0.1 * k)
-        answer = tracker.update(_picture(*pose, [(CAR, 0.4, RED)], k), 200_000 * k, _view(pose, CAR, 1.0, STANDS))
+        pose = pose_at(0.37 * k, -0.23 * k, 90.0, 0.1 * k)
+        answer = tracker.update(draw(*pose, [(CAR, 0.4, RED)], k), 200_000 * k, view_of(pose, CAR, 1.0, STANDS))
         assert isinstance(answer, Sighting)
-        miss = answer.uv_px - _pixel(pose, CAR)
+        miss = answer.uv_px - pixel_of(pose, CAR)
         misses.append(miss)
         nees.append(miss @ np.linalg.solve(answer.cov_px2, miss))
     assert np.sqrt(np.mean(np.square(misses))) < 0.3  # below a pixel
@@ -133,39 +58,39 @@ def test_its_pixel_errs_as_little_as_it_says() -> None:
 
 def test_a_car_that_drives_and_turns_is_followed() -> None:
     ne, yaw = CAR.copy(), 0.4
-    pose = _pose(0.0, 0.0)
+    pose = pose_at(0.0, 0.0)
     tracker = TargetTracker.start(
-        _picture(*pose, [(ne, yaw, RED)]), _pixel(pose, ne), 0, _view(pose, ne).px_per_m, course_rad=yaw
+        draw(*pose, [(ne, yaw, RED)]), pixel_of(pose, ne), 0, view_of(pose, ne).px_per_m, course_rad=yaw
     )
     for k in range(1, 30):
         yaw += 0.06
         ne = ne + 8.0 * 0.1 * np.array([np.cos(yaw), np.sin(yaw)])
-        pose = _pose(0.4 * k, 0.2 * k)
+        pose = pose_at(0.4 * k, 0.2 * k)
         motion = Motion(8.0 * np.array([np.cos(yaw), np.sin(yaw)]), np.eye(2), moving=True)
         answer = tracker.update(
-            _picture(*pose, [(ne, yaw, RED)], k), 100_000 * k, _view(pose, ne, 2.0, motion, (0.8, 0.5))
+            draw(*pose, [(ne, yaw, RED)], k), 100_000 * k, view_of(pose, ne, 2.0, motion, (0.8, 0.5))
         )
         assert isinstance(answer, Sighting)
-        assert np.hypot(*(answer.uv_px - _pixel(pose, ne))) < 2.5
+        assert np.hypot(*(answer.uv_px - pixel_of(pose, ne))) < 2.5
     assert isinstance(answer, Sighting)
     assert answer.turn_rad == pytest.approx(29 * 0.06, abs=0.25)
 
 
 def test_without_navigation_it_follows_the_picture_alone() -> None:
-    pose = _pose(0.0, 0.0)
-    tracker = TargetTracker.start(_picture(*pose, [(CAR, 0.4, RED)]), _pixel(pose, CAR), 0, size_px=30.0)
+    pose = pose_at(0.0, 0.0)
+    tracker = TargetTracker.start(draw(*pose, [(CAR, 0.4, RED)]), pixel_of(pose, CAR), 0, size_px=30.0)
     for k in range(1, 20):
-        pose = _pose(0.5 * k, 0.3 * k, 90.0, 0.03 * k)
-        answer = tracker.update(_picture(*pose, [(CAR, 0.4, RED)], k), 40_000 * k)
+        pose = pose_at(0.5 * k, 0.3 * k, 90.0, 0.03 * k)
+        answer = tracker.update(draw(*pose, [(CAR, 0.4, RED)], k), 40_000 * k)
         assert isinstance(answer, Sighting)
-        assert np.hypot(*(answer.uv_px - _pixel(pose, CAR))) < 2.5
+        assert np.hypot(*(answer.uv_px - pixel_of(pose, CAR))) < 2.5
 
 
 def _away(tracker: TargetTracker, seconds: float = 2.0, start_us: int = 0) -> int:
     """Look at other ground for a while."""
-    pose = _pose(90.0, 0.0)
+    pose = pose_at(90.0, 0.0)
     for k in range(1, round(seconds * 5) + 1):
-        answer = tracker.update(_picture(*pose, [], k), start_us + 200_000 * k, _view(pose, CAR, 2.5, STANDS))
+        answer = tracker.update(draw(*pose, [], k), start_us + 200_000 * k, view_of(pose, CAR, 2.5, STANDS))
         assert isinstance(answer, Lost)
         assert answer.reason == OUTSIDE
     assert tracker.lost
@@ -180,9 +105,9 @@ def _back(
 ) -> list[Sighting | Lost]:
     out = []
     for k in range(1, 9):
-        pose = _pose(25.0 - k, 4.0, 95.0, 1.0 + 0.05 * k)
-        view = _view(pose, CAR, 2.5, STANDS, off_m)
-        out.append(tracker.update(_picture(*pose, cars, 100 + k), t_us + 200_000 * k, view))
+        pose = pose_at(25.0 - k, 4.0, 95.0, 1.0 + 0.05 * k)
+        view = view_of(pose, CAR, 2.5, STANDS, off_m)
+        out.append(tracker.update(draw(*pose, cars, 100 + k), t_us + 200_000 * k, view))
     return out
 
 
@@ -194,7 +119,7 @@ def test_what_comes_back_is_found_after_it_was_seen_several_times() -> None:
     assert found.found_again
     assert isinstance(answers[-1], Sighting)
     assert not answers[-1].found_again
-    assert np.hypot(*(answers[-1].uv_px - _pixel(_pose(17.0, 4.0, 95.0, 1.4), CAR))) < 2.0
+    assert np.hypot(*(answers[-1].uv_px - pixel_of(pose_at(17.0, 4.0, 95.0, 1.4), CAR))) < 2.0
 
 
 def test_a_twin_nearer_to_where_it_is_expected_is_not_taken() -> None:
@@ -204,8 +129,8 @@ def test_a_twin_nearer_to_where_it_is_expected_is_not_taken() -> None:
     answers = _back(tracker, cars, _away(tracker), off_m=(2.5, -4.0))
     for k, answer in enumerate(answers, start=1):
         if isinstance(answer, Sighting):
-            pose = _pose(25.0 - k, 4.0, 95.0, 1.0 + 0.05 * k)
-            assert np.hypot(*(answer.uv_px - _pixel(pose, CAR))) < 3.0
+            pose = pose_at(25.0 - k, 4.0, 95.0, 1.0 + 0.05 * k)
+            assert np.hypot(*(answer.uv_px - pixel_of(pose, CAR))) < 3.0
     assert isinstance(answers[-1], Sighting)
 
 
@@ -219,10 +144,10 @@ def test_a_car_elsewhere_is_not_taken_for_one_that_has_gone(bgr: tuple[int, int,
 
 def test_a_parked_twin_is_not_taken_for_a_car_that_drives() -> None:
     ne, yaw, speed = CAR.copy(), 0.0, 9.0
-    pose = _pose(0.0, 0.0)
+    pose = pose_at(0.0, 0.0)
     vel = np.array([speed, 0.0])
     tracker = TargetTracker.start(
-        _picture(*pose, [(ne, yaw, RED)]), _pixel(pose, ne), 0, _view(pose, ne).px_per_m, course_rad=yaw
+        draw(*pose, [(ne, yaw, RED)]), pixel_of(pose, ne), 0, view_of(pose, ne).px_per_m, course_rad=yaw
     )
     motion = Motion(vel, 4.0 * np.eye(2), 0.0, 0.3, True)
     # nobody looks for three seconds; then only a parked twin is there, right where the car should pass
@@ -230,80 +155,80 @@ def test_a_parked_twin_is_not_taken_for_a_car_that_drives() -> None:
     answers = []
     for k in range(8):
         t_s = 3.0 + 0.2 * k
-        pose = _pose(20.0, 0.0)
+        pose = pose_at(20.0, 0.0)
         answers.append(
             tracker.update(
-                _picture(*pose, [(twin, yaw, RED)], k), round(t_s * 1e6), _view(pose, ne + t_s * vel, 6.0, motion)
+                draw(*pose, [(twin, yaw, RED)], k), round(t_s * 1e6), view_of(pose, ne + t_s * vel, 6.0, motion)
             )
         )
     assert all(isinstance(a, Lost) for a in answers)
     for k in range(8, 16):
         t_s = 3.0 + 0.2 * k
-        pose = _pose(35.0, 0.0)
+        pose = pose_at(35.0, 0.0)
         true = ne + t_s * vel + [2.0, 1.0]
-        picture = _picture(*pose, [(twin, yaw, RED), (true, yaw, RED)], k)
-        answers.append(tracker.update(picture, round(t_s * 1e6), _view(pose, ne + t_s * vel, 6.0, motion)))
+        picture = draw(*pose, [(twin, yaw, RED), (true, yaw, RED)], k)
+        answers.append(tracker.update(picture, round(t_s * 1e6), view_of(pose, ne + t_s * vel, 6.0, motion)))
     assert isinstance(answers[-1], Sighting)
-    assert np.hypot(*(answers[-1].uv_px - _pixel(pose, true))) < 3.0
+    assert np.hypot(*(answers[-1].uv_px - pixel_of(pose, true))) < 3.0
 
 
 @pytest.mark.parametrize("gain", [0.7, 1.35])
 def test_another_light_does_not_lose_it(gain: float) -> None:
     tracker = _started()
     for k in range(1, 8):
-        pose = _pose(0.5 * k, 0.0)
-        picture = cv2.convertScaleAbs(_picture(*pose, [(CAR, 0.4, RED)], k), alpha=gain)
-        answer = tracker.update(np.asarray(picture, np.uint8), 200_000 * k, _view(pose, CAR, 2.0, STANDS))
+        pose = pose_at(0.5 * k, 0.0)
+        picture = cv2.convertScaleAbs(draw(*pose, [(CAR, 0.4, RED)], k), alpha=gain)
+        answer = tracker.update(np.asarray(picture, np.uint8), 200_000 * k, view_of(pose, CAR, 2.0, STANDS))
         assert isinstance(answer, Sighting)
-        assert np.hypot(*(answer.uv_px - _pixel(pose, CAR))) < 1.5
+        assert np.hypot(*(answer.uv_px - pixel_of(pose, CAR))) < 1.5
 
 
 def test_blur_widens_sigma_or_loses_but_does_not_mislead() -> None:
     sharp, blurred = _started(), _started()
-    pose = _pose(1.0, 0.0)
-    picture = _picture(*pose, [(CAR, 0.4, RED)], 1)
+    pose = pose_at(1.0, 0.0)
+    picture = draw(*pose, [(CAR, 0.4, RED)], 1)
     soft = np.asarray(cv2.GaussianBlur(picture, (0, 0), 4.0), np.uint8)
-    first = sharp.update(picture, 200_000, _view(pose, CAR, 2.0, STANDS))
-    second = blurred.update(soft, 200_000, _view(pose, CAR, 2.0, STANDS))
+    first = sharp.update(picture, 200_000, view_of(pose, CAR, 2.0, STANDS))
+    second = blurred.update(soft, 200_000, view_of(pose, CAR, 2.0, STANDS))
     assert isinstance(first, Sighting)
     if isinstance(second, Sighting):
         assert np.linalg.det(second.cov_px2) > np.linalg.det(first.cov_px2)
         assert second.confidence <= first.confidence
-        assert np.hypot(*(second.uv_px - _pixel(pose, CAR))) < 3.0
+        assert np.hypot(*(second.uv_px - pixel_of(pose, CAR))) < 3.0
 
 
 def test_a_grey_picture_will_do() -> None:
-    pose = _pose(0.0, 0.0)
-    grey = np.asarray(cv2.cvtColor(_picture(*pose, [(CAR, 0.4, (235, 235, 235))]), cv2.COLOR_BGR2GRAY), np.uint8)
-    tracker = TargetTracker.start(grey, _pixel(pose, CAR), 0, _view(pose, CAR).px_per_m)
-    pose = _pose(2.0, 1.0, 90.0, 0.3)
-    grey = np.asarray(cv2.cvtColor(_picture(*pose, [(CAR, 0.4, (235, 235, 235))], 1), cv2.COLOR_BGR2GRAY), np.uint8)
-    answer = tracker.update(grey, 200_000, _view(pose, CAR, 2.0, STANDS))
+    pose = pose_at(0.0, 0.0)
+    grey = np.asarray(cv2.cvtColor(draw(*pose, [(CAR, 0.4, (235, 235, 235))]), cv2.COLOR_BGR2GRAY), np.uint8)
+    tracker = TargetTracker.start(grey, pixel_of(pose, CAR), 0, view_of(pose, CAR).px_per_m)
+    pose = pose_at(2.0, 1.0, 90.0, 0.3)
+    grey = np.asarray(cv2.cvtColor(draw(*pose, [(CAR, 0.4, (235, 235, 235))], 1), cv2.COLOR_BGR2GRAY), np.uint8)
+    answer = tracker.update(grey, 200_000, view_of(pose, CAR, 2.0, STANDS))
     assert isinstance(answer, Sighting)
-    assert np.hypot(*(answer.uv_px - _pixel(pose, CAR))) < 1.5
+    assert np.hypot(*(answer.uv_px - pixel_of(pose, CAR))) < 1.5
 
 
 def test_an_empty_picture_loses_it_and_it_comes_back() -> None:
     tracker = _started()
-    pose = _pose(0.0, 0.0)
-    answer = tracker.update(np.zeros((480, 640, 3), np.uint8), 200_000, _view(pose, CAR, 2.0, STANDS))
+    pose = pose_at(0.0, 0.0)
+    answer = tracker.update(np.zeros((480, 640, 3), np.uint8), 200_000, view_of(pose, CAR, 2.0, STANDS))
     assert isinstance(answer, Lost)
     assert answer.reason == NOT_SEEN
     assert answer.last_seen_us == 0
-    again = tracker.update(_picture(*pose, [(CAR, 0.4, RED)], 2), 400_000, _view(pose, CAR, 2.0, STANDS))
+    again = tracker.update(draw(*pose, [(CAR, 0.4, RED)], 2), 400_000, view_of(pose, CAR, 2.0, STANDS))
     assert isinstance(again, Sighting)
 
 
 @pytest.mark.parametrize("uv", [(3.0, 200.0), (636.0, 240.0), (-5.0, 10.0), (700.0, 100.0), (320.0, 478.0)])
 def test_a_click_at_or_over_the_border_is_refused(uv: tuple[float, float]) -> None:
-    pose = _pose(0.0, 0.0)
+    pose = pose_at(0.0, 0.0)
     with pytest.raises(CannotFollowError, match="border"):
-        TargetTracker.start(_picture(*pose, []), np.array(uv), 0, _view(pose, CAR).px_per_m)
+        TargetTracker.start(draw(*pose, []), np.array(uv), 0, view_of(pose, CAR).px_per_m)
 
 
 def test_bad_input_is_refused() -> None:
-    pose = _pose(0.0, 0.0)
-    picture = _picture(*pose, [(CAR, 0.4, RED)])
+    pose = pose_at(0.0, 0.0)
+    picture = draw(*pose, [(CAR, 0.4, RED)])
     middle = np.array([320.0, 240.0])
     bad: Any
     for bad, what in (
@@ -319,17 +244,17 @@ def test_bad_input_is_refused() -> None:
     with pytest.raises(CannotFollowError, match="nothing"):
         TargetTracker.start(np.full((480, 640, 3), 90, np.uint8), middle, 0)
     tracker = _started()
-    tracker.update(picture, 200_000, _view(pose, CAR))
+    tracker.update(picture, 200_000, view_of(pose, CAR))
     with pytest.raises(ValueError, match="order"):
-        tracker.update(picture, 100_000, _view(pose, CAR))
+        tracker.update(picture, 100_000, view_of(pose, CAR))
     with pytest.raises(ValueError, match="uint8"):
-        tracker.update(picture.astype(np.int16), 300_000, _view(pose, CAR))
-    assert isinstance(tracker.update(picture, 300_000, _view(pose, CAR)), Sighting)
+        tracker.update(picture.astype(np.int16), 300_000, view_of(pose, CAR))
+    assert isinstance(tracker.update(picture, 300_000, view_of(pose, CAR)), Sighting)
 
 
 def test_expected_views_agree_with_opencv() -> None:
     camera = Camera(640, 480, 560.0, 555.0, 318.0, 242.0, (-0.09, 0.03, 0.0004, -0.0003, 0.0))
-    pos, rotation = _pose(10.0, -5.0, 80.0, 0.7, 0.2)
+    pos, rotation = pose_at(10.0, -5.0, 80.0, 0.7, 0.2)
     place = np.array([2.0, 6.0, -3.0])
     view = expected_view(pos, rotation, camera, place, np.diag([4.0, 1.0]))
     rvec, _ = cv2.Rodrigues(rotation.T)
@@ -348,7 +273,7 @@ def test_expected_views_agree_with_opencv() -> None:
 
 
 def test_a_target_behind_the_camera_has_no_view() -> None:
-    pos, rotation = _pose(0.0, 0.0)
+    pos, rotation = pose_at(0.0, 0.0)
     with pytest.raises(GeometryError, match="behind"):
         expected_view(pos, rotation, CAMERA, np.array([0.0, 0.0, -200.0]), np.eye(2))
     with pytest.raises(ValueError, match="finite"):
@@ -361,8 +286,8 @@ def test_no_sighting_lies_beyond_the_border_as_the_target_leaves() -> None:
     tracker = _started()
     answers = []
     for k in range(1, 70):
-        pose = _pose(0.0, -0.9 * k)
-        answer = tracker.update(_picture(*pose, [(CAR, 0.4, RED)], k), 100_000 * k, _view(pose, CAR, 2.0, STANDS))
+        pose = pose_at(0.0, -0.9 * k)
+        answer = tracker.update(draw(*pose, [(CAR, 0.4, RED)], k), 100_000 * k, view_of(pose, CAR, 2.0, STANDS))
         answers.append(answer)
         if isinstance(answer, Sighting):
             assert CAMERA.contains(answer.uv_px)
