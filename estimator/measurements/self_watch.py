@@ -22,7 +22,8 @@ class SelfWatchConfig:
     """``enabled`` off takes every picture and doubts nothing.
 
     ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
-    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. After
+    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. From
+    ``displaced_sigmas`` on it is rather the map, or what looks alike, that lies elsewhere. After
     ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
     map is looked for.
     """
@@ -36,6 +37,7 @@ class SelfWatchConfig:
     pressure_gain: float = 5.0
     level_rad: float = 0.35
     contradiction_sigmas: float = 3.0
+    displaced_sigmas: float = 7.0
     wide_after: int = 5
     wide_reach_m: float = 40.0
 
@@ -150,10 +152,15 @@ class SelfWatch:
         self, fixer: MapFixer, eskf: ErrorStateFilter, t_us: int, pos_ne_m: Float, displacement_ne_m: Float,
         std_m: float,
     ) -> None:  # fmt: skip
-        """Doubt a position that matches over different ground contradict with one voice."""
+        """Doubt a position, or the map, that matches over different ground contradict with one voice."""
         standing = self._by_itself.add(t_us, pos_ne_m, displacement_ne_m)
-        least_m = max(self.config.contradiction.least_m, self.config.contradiction_sigmas * std_m)
-        if standing is not None and standing.size_m > least_m:
+        if standing is None:
+            return
+        config = self.config
+        far = standing.size_m > max(config.contradiction.least_m, config.contradiction_sigmas * std_m)
+        displaced = far and standing.size_m > config.displaced_sigmas * std_m
+        self._map_offset_m = standing.size_m if displaced else 0.0
+        if far and not displaced:
             # of two places as likely as each other
             eskf.doubt_place(0.25 * np.outer(standing.displacement_ne_m, standing.displacement_ne_m))
             self._by_itself.forget()

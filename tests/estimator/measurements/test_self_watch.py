@@ -112,15 +112,19 @@ def test_a_map_that_has_agreed_is_not_moved_after_satellites_that_wander_off() -
     assert fly(watch, eskf, np.zeros(2), by_satellites=True, start_s=40.0) == ()
 
 
-@pytest.mark.parametrize(("std_m", "widened"), [(2.0, True), (10.0, False)])
+@pytest.mark.parametrize(
+    ("std_m", "widened", "displaced"), [(5.0, True, False), (10.0, False, False), (2.0, False, True)]
+)
 def test_without_satellites_matches_that_contradict_the_estimate_with_one_voice_widen_it(
-    std_m: float, widened: bool
+    std_m: float, widened: bool, displaced: bool
 ) -> None:
+    """Twenty metres are four, two and ten of its sigmas; the last is told as a displaced map."""
     watch, eskf = SelfWatch(SelfWatchConfig()), new_filter()
     eskf.inflate("position", std_m**2 - STD_M**2)
 
-    fly(watch, eskf, SHIFT, by_satellites=False)
+    doubts = fly(watch, eskf, SHIFT, by_satellites=False)
 
+    assert (Doubt.MAP_OFFSET in doubts) == displaced
     size_m = np.hypot(*SHIFT)
     along, across = SHIFT / size_m, np.array([-SHIFT[1], SHIFT[0]]) / size_m
     cov = eskf.cov("position")[:2, :2]
