@@ -211,10 +211,9 @@ class Pursuit:
         if len(chain.times_us) < 2:
             return False
         c = self.config
-        seen = chain.velocity_m_s()
-        right, down = seen - self.ground_m_s
-        # what stands high seems to creep, but not far; and where the ground itself was misjudged, what stands drives
-        way_m = min(float(np.hypot(right, down)), float(np.hypot(*seen))) * chain.span_s
+        right, down = chain.velocity_m_s() - self.ground_m_s
+        # what stands high seems to creep, but not far
+        way_m = float(np.hypot(right, down)) * chain.span_s
         if way_m < c.least_way_m or self.speed_sigmas(chain, going) > c.speed_sigmas:
             return False
         if chain.unevenness_m() > min(c.uneven_m, c.uneven_share * way_m) or chain.turn_step_rad() > c.turn_step_rad:

@@ -33,9 +33,6 @@ LEAST_AREA = 1e-6
 BLOBS, CLOSE_PX = 24, 4
 SCANNED, SCAN_EVERY = 12, 3
 """How many places are chosen from for their shape alone, and in how many pictures all turns are tried."""
-DIFFERING, MOVED_PX, MOST_CHANGE = 8, 5, 40.0
-"""How many places are chosen from that differ from an earlier picture, how far from there on the coarse grid the thing
-may be, and what a pixel counts at most."""
 INNER_SIZES = 4.0
 """How far from the expected place, in the target's sizes, it most probably is if it went on as it did."""
 FLIP_MARGIN = 0.06
@@ -131,19 +128,14 @@ class Searcher:
         self._scans = 0
         self._step = 2 if self._small is not appearance else 1
 
-    def find(
-        self, look: Look, area: SearchArea, places: Sequence[Place] = (), skip: Sequence[Float] = (),
-        earlier: Look | None = None,
-    ) -> Found:  # fmt: skip
+    def find(self, look: Look, area: SearchArea, places: Sequence[Place] = (), skip: Sequence[Float] = ()) -> Found:
         """The best places, apart from each other, best first.
 
         ``places`` are looked at first; neither about them nor about the offsets in ``skip`` anything else is sought.
-        ``earlier`` is another picture of the same ground, about the same place: what differs from it is looked at too.
         """
         matches: list[Match] = []
         in_vain: list[Float] = []
         known: list[Float] = []
-        room = self.most + len(places)
         for place in places:
             turns = _about(place.turn_rad, TURN_STEP_RAD)
             here = self._near(look, SearchArea(place.offset_px, place.reach_px, turns, area.scales, area.whole))
@@ -154,11 +146,7 @@ class Searcher:
         if area.reach_px <= NEAR_PX and len(area.turns_rad) <= 3:
             matches += self._near(look, area)
         else:
-            promising = self._promising(look, area, [*known, *skip])
-            if earlier is not None:
-                differing = self._differing(look, area, earlier, [*known, *skip, *(at for at, _ in promising)])
-                promising, room = promising + differing, room + len(differing)
-            for offset, turn in promising:
+            for offset, turn in self._promising(look, area, [*known, *skip]):
                 here = self._close(look, area, offset, turn)
                 matches += here
                 if max((match.score for match in here), default=-1.0) < self.useful_score:
@@ -167,7 +155,7 @@ class Searcher:
         for one in sorted(matches, key=lambda match: -match.score):
             if _away(one.offset_px, [other.offset_px for other in out]) > APART * self.appearance.size_px:
                 out.append(one)
-        return Found(out[:room], in_vain)
+        return Found(out[: self.most + len(places)], in_vain)
 
     def _close(self, look: Look, area: SearchArea, offset: Float, turn: float) -> list[Match]:
         """At full resolution: colour does not tell front from back, nor small turns apart."""
@@ -260,38 +248,6 @@ class Searcher:
             scanned = [(step * offset, turn) for offset, turn in self._scanned(grid, area.turns_rad, every)]
             best += [one for one in scanned if _away(one[0], taken) > apart][: most // 2]
         return best
-
-    def _differing(
-        self, look: Look, area: SearchArea, earlier: Look, skip: Sequence[Float]
-    ) -> list[tuple[Float, float]]:
-        """Offsets (2,) and turns of what differs from an earlier picture on the same ground and is shaped alike."""
-        a, step = self._small, self._step
-        box = self._box(look, area, step, a.half_px + MOVED_PX)
-        if box is None:
-            return []
-        now, then = (
-            grid_from_picture(one.picture, _coarser(one.picture_from_grid, step), box) for one in (look, earlier)
-        )
-        greys = [cv2.cvtColor(cv2.GaussianBlur(one.image, (0, 0), 1.0), cv2.COLOR_BGR2GRAY) for one in (now, then)]
-        known = cv2.erode(now.known & then.known, np.ones((5, 5), np.uint8))
-        change = np.minimum(cv2.absdiff(greys[0], greys[1]), MOST_CHANGE).astype(np.float32) * known
-        side = max(3, 2 * round(0.3 * a.size_px) + 1)
-        reach = a.half_px + MOVED_PX
-        inner = cv2.boxFilter(change, -1, (side, side))[reach:-reach, reach:-reach]
-        grey = cv2.cvtColor(now.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
-        half_round = [t for t in area.turns_rad if abs(t - area.turns_rad[0]) < math.pi - 1e-6]
-        out: list[tuple[float, Float, float]] = []
-        for row, col in peaks(np.ascontiguousarray(inner), DIFFERING, max(2, round(0.4 * a.size_px))):
-            if _away(step * (now.low_px + reach + np.array([col, row])), skip) <= APART * self.appearance.size_px:
-                continue
-            piece = grey[row : row + 2 * reach + 1, col : col + 2 * reach + 1]
-            piece = piece - float(piece.mean())
-            layers = np.stack([a.correlation(piece, a.turned(turn)) for turn in half_round])
-            which, r, c = np.unravel_index(int(layers.argmax()), layers.shape)
-            offset = step * (now.low_px + a.half_px + np.array([col + c, row + r]))
-            out.append((float(layers[which, r, c]), offset.astype(np.float64), half_round[int(which)]))
-        out.sort(key=lambda one: -one[0])
-        return [(offset, turn) for _, offset, turn in out[: self.most // 2]]
 
     def _scanned(self, grid: GridView, turns: tuple[float, ...], every: int) -> list[tuple[Float, float]]:
         """Offsets (2,) and turns that correlate in grey, whatever the colour: one turn in ``every`` a time."""

@@ -93,7 +93,6 @@ class TargetTracker:
         self._pursuit = Pursuit(config)
         self._lost = False
         self._before: Before | None = None
-        self._sought: tuple[int, Look] | None = None
 
     @classmethod
     def start(
@@ -202,19 +201,11 @@ class TargetTracker:
         if view.moving is False:
             anchor = self._anchor(look, np.zeros(2), min(reach, self.config.anchor_px))
             places = [] if anchor is None else [Place(anchor, self.config.anchored_px, self._turn)]
-        seen = self._search.find(look, area, places, skip, self._earlier(look, going, t_us))
+        seen = self._search.find(look, area, places, skip)
         self._pursuit.refute([offset * self._m for offset in seen.in_vain], t_us)
         found = self._weighed(look, view, seen.matches, centre, cov)
         self._pursuit.extend(found, going, look, self._surroundings.half_px, t_us)
         return self._find(found, going, view, look, t_us)
-
-    def _earlier(self, look: Look, going: Going, t_us: int) -> Look | None:
-        """The picture sought in before this one, about the same ground; None where there is none or nothing drives."""
-        last, self._sought = self._sought, (t_us, look)
-        if last is None or not going.moving or not 0.0 < (t_us - last[0]) / 1e6 <= self.config.lost_after_s:
-            return None
-        way_px = going.vel_m_s * ((t_us - last[0]) / 1e6) / self._m
-        return Look(last[1].picture, last[1].about(way_px), last[1].gain)
 
     def _anchor(self, look: Look, about_px: Float, reach_px: int) -> Float | None:
         return anchored_place(look, self._surroundings, self.appearance.size_px, about_px, reach_px)
