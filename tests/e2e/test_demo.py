@@ -12,7 +12,7 @@ import cv2
 import httpx
 import numpy as np
 import pytest
-from playwright.sync_api import Page, expect, sync_playwright
+from playwright.sync_api import ConsoleMessage, Page, expect, sync_playwright
 
 from tests.e2e.demo_process import OUTPUT, ROOT, Deadline, RunningDemo, running_demo
 from tests.e2e.flown_truth import FlownTruth, flown_s
@@ -76,8 +76,7 @@ def console(tmp_path: Path) -> Iterator[Console]:
         page = browser.new_page(viewport={"width": 1440, "height": 900})
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
-        # what the browser itself reports, such as an answer of 404
-        page.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        page.on("console", lambda said: errors.extend(reported(said)))
         with httpx.Client(base_url=demo.address, timeout=60.0) as client:
             page.goto(demo.address, timeout=deadline.left_ms)
             try:
@@ -85,6 +84,12 @@ def console(tmp_path: Path) -> Iterator[Console]:
             finally:
                 page.screenshot(path=OUTPUT / "end.png")
                 browser.close()
+
+
+def reported(said: ConsoleMessage) -> list[str]:
+    """What the browser itself reports as an error, such as an answer of 404; a map without the layer has one."""
+    url = str(said.location.get("url"))
+    return [f"{said.text} {url}"] if said.type == "error" and not url.endswith("/matchability") else []
 
 
 def test_demo(console: Console) -> None:
