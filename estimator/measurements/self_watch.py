@@ -23,9 +23,8 @@ class SelfWatchConfig:
 
     ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
     widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. From
-    ``displaced_sigmas`` on it is rather the map, or what looks alike, that lies elsewhere. After
-    ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
-    map is looked for.
+    ``displaced_sigmas`` on it is rather the map, or what looks alike, that lies elsewhere. After ``wide_after`` refused
+    pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced map is looked for.
     """
 
     enabled: bool = True

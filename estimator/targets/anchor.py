@@ -41,6 +41,15 @@ def anchored_place(look: Look, remembered: GridView, size_px: float, about_px: F
     return out
 
 
+def found_there(
+    search: Searcher, look: Look, at_px: Float, reach_px: int, turns_rad: tuple[float, ...], scale: float
+) -> list[Match]:
+    """What fits within ``reach_px`` of an offset (2,), but for what lies on the edge of that: there it is no peak, but
+    the slope of one elsewhere."""
+    matches = search.find(look, SearchArea(at_px, reach_px, turns_rad, (scale,))).matches
+    return [one for one in matches if float(np.abs(one.offset_px - np.round(at_px)).max()) < reach_px - 0.5]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Before:
     """An earlier picture in which the target was seen, and its offset (2,) from the place expected then."""
@@ -74,10 +83,8 @@ class Before:
             return True
         if float(np.hypot(*(at - self.offset_px))) < ELSEWHERE * search.appearance.size_px:
             return False
-        then = search.find(self.look, SearchArea(at, SLACK_PX, (match.turn_rad,), (match.scale,))).matches
         return any(
             one.score >= match.score - WORSE
-            and float(np.abs(one.offset_px - np.round(at)).max()) < SLACK_PX - 0.5
             and float(np.hypot(*(one.offset_px - self.offset_px))) >= ELSEWHERE * search.appearance.size_px
-            for one in then
+            for one in found_there(search, self.look, at, SLACK_PX, (match.turn_rad,), match.scale)
         )

@@ -57,9 +57,8 @@ class MotionConfig:
     spectral densities of the acceleration on each axis (m^2/s^3); rates are of changes between models, per second;
     ``forget_s`` is in what time a manoeuvring target's velocity is forgotten, which bounds its speed;
     ``start_speed_std_m_s`` is what may be there when a target starts or is first seen, ``stop_speed_std_m_s`` what may
-    be left when it is taken to stand. ``say_moving`` and
-    ``say_standing`` are the probabilities of motion at which the verdict changes. ``nu`` are the degrees of freedom of
-    Student's t that holds down false sightings.
+    be left when it is taken to stand. ``say_moving`` and ``say_standing`` are the probabilities of motion at which the
+    verdict changes. ``nu`` are the degrees of freedom of Student's t that holds down false sightings.
     """
 
     alike_s: float = 20.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.targets.anchor import Before, anchored_place
+from estimator.targets.anchor import Before, anchored_place, found_there
 from estimator.targets.appearance import RING_PX, Appearance, GridView, grid_from_picture, picture_box, square_about
 from estimator.targets.candidates import Candidate, Chain, Going, Pursuit
 from estimator.targets.search import (
@@ -29,6 +29,7 @@ from estimator.targets.search import (
     affine_from_grid,
     picture_from_grid,
     surroundings_fit,
+    surroundings_of,
 )  # fmt: skip
 from estimator.targets.tracker_config import TrackerConfig
 from estimator.targets.view import PICTURE_UPRIGHT, ExpectedView
@@ -191,12 +192,12 @@ class TargetTracker:
             return Lost(t_us, OUTSIDE, self.last_seen_us)
         scales = (1.0,) if expected is not None or self._lost else (0.95, 1.0, 1.05)
         area = SearchArea(centre, reach, self._turns(view, t_us), tuple(self._scale * s for s in scales), self._lost)
+        going = self._going(view, t_us)
         if not self._lost:
             matches = self._anchored(look, view, t_us)
             if matches is None:
                 matches = self._search.find(look, area).matches
-            return self._keep(self._weighed(look, view, matches, centre, cov), view, look, t_us)
-        going = self._going(view, t_us)
+            return self._keep(self._weighed(look, view, matches, centre, cov), going, view, look, t_us)
         places, skip = self._pursuit.places(going, t_us, self._m) if going.moving else ([], [])
         if view.moving is False:
             anchor = self._anchor(look, np.zeros(2), min(reach, self.config.anchor_px))
@@ -220,12 +221,9 @@ class TargetTracker:
             return None
         self._anchor_m = at * self._m
         reach = self.config.anchored_px
-        here = self._search.find(look, SearchArea(at, reach, self._turns(view, t_us), (self._scale,))).matches
-        # on the edge it is no peak, but the slope of one elsewhere
-        inside = [one for one in here if float(np.abs(one.offset_px - np.round(at)).max()) < reach - 0.5]
-        inside = [one for one in inside if one.score >= self.config.keep_score]
-        shown = grid_from_picture(look.picture, look.about(at), square_about(self.appearance.half_px)).whole
-        return inside if inside or not shown else None
+        here = found_there(self._search, look, at, reach, self._turns(view, t_us), self._scale)
+        here = [one for one in here if one.score >= self.config.keep_score]
+        return here if here or not surroundings_of(look, at, self.appearance.half_px).whole else None
 
     def _going(self, view: ExpectedView, t_us: int) -> Going:
         """How the target is expected to go."""
@@ -244,10 +242,6 @@ class TargetTracker:
         limit = np.array([picture.shape[1] - 1, picture.shape[0] - 1], dtype=np.float64)
         uv = np.clip(self._uv + self._drift_px_s * min(unseen_s, 1.0), 0.0, limit)
         return ExpectedView(uv, std**2 * np.eye(2), self._px_per_m, 2.0 * size)
-
-    def _density(self, view: ExpectedView) -> float:
-        """Pixels of the picture by a step on the grid."""
-        return self._m * math.sqrt(abs(float(np.linalg.det(view.px_per_m))))
 
     def _where(self, look: Look, view: ExpectedView, t_us: int) -> tuple[Float, Float]:
         """Offset (2,) from the expected place on the grid about which to search, and covariance (2, 2)."""
@@ -297,11 +291,14 @@ class TargetTracker:
             out.append(Candidate(match, evidence, surroundings, match.offset_px * self._m))
         return sorted(out, key=lambda one: -one.evidence)
 
-    def _keep(self, found: list[Candidate], view: ExpectedView, look: Look, t_us: int) -> Sighting | Lost:
+    def _keep(
+        self, found: list[Candidate], going: Going, view: ExpectedView, look: Look, t_us: int
+    ) -> Sighting | Lost:  # fmt: skip
         least = self.config.keep_score
-        if view.moving is True:  # one that drives slides off onto what stands
+        if going.moving:  # one that drives slides off onto what stands
             least = max(least, self._usual - self.config.worse_in_sight)
-        found = [one for one in found if not self._stood_there(one.match, view, look, t_us)]
+        if view.moving is not False:
+            found = [one for one in found if not self._stood_there(one.match, going, look, t_us)]
         if not found or found[0].match.score < least:
             return Lost(t_us, NOT_SEEN, self.last_seen_us)
         lead = found[0].evidence - found[1].evidence if len(found) > 1 else math.inf
@@ -310,16 +307,14 @@ class TargetTracker:
         confidence = _confidence(found[0].match.score, lead, self.config)
         return self._seen(found[0], confidence, view, look, t_us, False)
 
-    def _stood_there(self, match: Match, view: ExpectedView, look: Look, t_us: int) -> bool:
+    def _stood_there(self, match: Match, going: Going, look: Look, t_us: int) -> bool:
         """Whether what fits was where it is when the target was last seen elsewhere, or is where the target was."""
-        if self._before is None or view.moving is False or not self._before.useful(t_us):
+        if self._before is None or not self._before.useful(t_us):
             return False
         dt_s = (t_us - self._before.t_us) / 1e6
-        step = np.array([view.vel_ne_m_s[1], -view.vel_ne_m_s[0]]) * dt_s / self._m
-        c, tolerance = self.config, math.inf
-        if view.moving is True:
-            rate_m_s = view.rate_std_px_s / math.sqrt(abs(float(np.linalg.det(view.px_per_m))))
-            tolerance = (c.step_m + c.gate_sigmas * rate_m_s * dt_s) / self._m
+        step = going.vel_m_s * dt_s / self._m
+        c = self.config
+        tolerance = (c.step_m + c.gate_sigmas * going.std_m_s * dt_s) / self._m if going.moving else math.inf
         return self._before.speaks_against(self._search, look, match, step, tolerance, self._surroundings.half_px)
 
     def _find(
@@ -393,15 +388,14 @@ class TargetTracker:
         if match.score < self.config.find_score:
             return
         template = self.appearance.turned(match.turn_rad, match.scale)
-        grid = grid_from_picture(look.picture, look.about(match.offset_px), square_about(self.appearance.half_px))
+        grid = surroundings_of(look, match.offset_px, self.appearance.half_px)
         if not grid.whole:
             return
         light = self.appearance.mean_colour(grid.image, template.inside)[0] / max(self.appearance.mean_lab[0], 1.0)
         self._gain = float(np.clip(0.8 * self._gain + 0.2 * light, 0.5, 2.0))
         if view.moving is True:
             self._anchor_m = self._offset_m
-            half = self._surroundings.image.shape[0] // 2
-            self._surroundings = grid_from_picture(look.picture, look.about(match.offset_px), square_about(half))
+            self._surroundings = surroundings_of(look, match.offset_px, self._surroundings.half_px)
 
 
 def checked_picture(image: Image) -> Image:
