@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 
 from estimator.geometry.camera import Camera
@@ -23,22 +24,22 @@ WINDOWS, WHOLE, KEYPOINTS = "windows", "whole picture", "keypoints"
 class PlacementConfig:
     """``turn_rad`` and ``scale`` are how far corrections of heading and height are tried, and the search reaches
     ``max_sigmas`` of the pose and the map, at most ``radius_m``. ``inflation`` multiplies the sigma that windows
-    claim, because neighbours err alike; they count where ``min_agreement`` of them agree. ``whole_inflation``
-    multiplies that of a whole picture's likelihood, which was calibrated on the coarser pictures of navigation, and
-    ``surface_std_m`` is of the height at which what fills a whole picture stands above the ground model: seen aslant
-    it lies displaced. ``heading_floor_rad`` and ``scale_floor`` are the least that is believed of hypotheses tried.
-    ``map_std_m`` is the map's own local error, None what the matcher's calibration states; ``windows_map_std_m`` is
-    that of a picture laid by its windows, whose inflated scatter may already hold it, None the same. ``levels_px``
-    across the footprint are tried one after the other: a map and a picture that are not alike in their finest detail
-    may be so in what is larger. A match above ``max_outlier_probability``, or more than ``max_sigmas`` from where the
-    pose has it, is none.
+    claim, because neighbours err alike; they count where ``min_agreement`` of them agree. A whole picture's likelihood
+    spreads over the hill about its peak, down to ``hill_share`` of it: what else a wide search found is in the outlier
+    probability. ``surface_std_m`` is of the height at which what fills a whole picture stands above the ground model:
+    seen aslant it lies displaced. ``heading_floor_rad`` and ``scale_floor`` are the least that is believed of
+    hypotheses tried. ``map_std_m`` is the map's own local error, None what the matcher's calibration states;
+    ``windows_map_std_m`` is that of a picture laid by its windows, whose inflated scatter may already hold it, None the
+    same. ``levels_px`` across the footprint are tried one after the other: a map and a picture that are not alike in
+    their finest detail may be so in what is larger. A match above ``max_outlier_probability``, or more than
+    ``max_sigmas`` from where the pose has it, is none.
     """
 
     radius_m: float = 10.0
     turn_rad: float = 0.052
     scale: float = 0.04
     inflation: float = 3.0
-    whole_inflation: float = 0.5
+    hill_share: float = 0.2
     surface_std_m: float = 3.0
     min_agreement: float = 0.4
     heading_floor_rad: float = 0.01
@@ -209,18 +210,24 @@ def _by_whole(
     cov = np.diag(std**2)
     axis = pose.ned_from_camera[:, 2]
     by_height = config.surface_std_m * axis[:2] / max(float(axis[2]), 0.2)
-    cov[:2, :2] = config.whole_inflation**2 * _spread_m2(match, registrar) + np.outer(by_height, by_height)
+    cov[:2, :2] = _spread_m2(match, registrar, config.hill_share) + np.outer(by_height, by_height)
     return correction, cov
 
 
-def _spread_m2(match: Match, registrar: Registrar) -> Float:
-    """Covariance (2, 2) of the displacement about its peak, without the map's own error, which comes on top."""
+def _spread_m2(match: Match, registrar: Registrar, hill_share: float) -> Float:
+    """Covariance (2, 2) of the displacement about its peak, without the map's own error, which comes on top.
+
+    It is of the cells that a path above ``hill_share`` of the peak leads to.
+    """
     step_m = match.correlation.step_m
     calibration = registrar.calibration.likelihood
     values, north_max_m, east_min_m = likelihood(match.correlation, match.peak, calibration, 0.0, step_m)
     density = np.maximum(values - values.min(), 0.0)
     north = north_max_m - step_m * np.arange(values.shape[0]) - match.displacement_ne_m[0]
     east = east_min_m + step_m * np.arange(values.shape[1]) - match.displacement_ne_m[1]
+    at_peak = int(np.abs(north).argmin()), int(np.abs(east).argmin())
+    _, hills = cv2.connectedComponents((density >= hill_share * density[at_peak]).astype(np.uint8))
+    density[hills != hills[at_peak]] = 0.0
     total = float(density.sum())
     if not total > 0.0:
         return np.eye(2) * float(north.max() - north.min()) ** 2 / 12.0

@@ -109,6 +109,21 @@ def test_a_whole_picture_seen_aslant_lies_as_unsurely_as_what_stands_on_the_grou
     assert_allclose((wooded.cov - flat.cov)[:2, :2], np.outer(lean_ne_m, lean_ne_m), atol=1e-9)
 
 
+def test_a_wider_search_makes_a_weak_picture_no_less_sure_of_its_place() -> None:
+    there, elsewhere = (seen_by(TRUE_POS, TRUE_ROTATION, scene) for scene in (MAP, TexturedMap(9)))
+    picture = (0.2 * there + 0.8 * elsewhere).astype(np.uint8)
+
+    def spread_m(hill_share: float, radius_m: float) -> float:
+        config = PlacementConfig(min_agreement=2.0, max_sigmas=6.0, radius_m=radius_m, hill_share=hill_share)
+        pose = _disturbed(np.zeros(6))
+        placed = place(picture, CAMERA, MAP, FlatGround(), ORIGIN_ALT_M, pose, POSE_COV, POSE_COV, config)
+        assert isinstance(placed, Placement)
+        return float(np.sqrt(np.trace(placed.cov[:2, :2])))
+
+    assert spread_m(0.2, 20.0) == pytest.approx(spread_m(0.2, 10.0), rel=0.02)
+    assert spread_m(0.0, 20.0) > 1.2 * spread_m(0.0, 10.0)
+
+
 def test_without_windows_the_errors_still_fit_their_ellipses() -> None:
     """Errors drawn from the pose's stated covariance, over six maps: squared errors are two on average if exact."""
     rng = np.random.default_rng(3)
