@@ -100,7 +100,8 @@ async def get_evidence(
         headers["Content-Disposition"] = f'attachment; filename="{name}.json"'
         return Response(bundle.document, media_type=JSON, headers=headers)
     headers["Content-Disposition"] = f'attachment; filename="{name}.zip"'
-    return Response(pack(bundle.document, bundle.picture, bundle.status), media_type=ZIP, headers=headers)
+    content = await asyncio.to_thread(pack, bundle.document, bundle.picture, bundle.status, bundle.pieces)
+    return Response(content, media_type=ZIP, headers=headers)
 
 
 @router.get(

@@ -1,4 +1,6 @@
-"""Bundles: one zip of ``evidence.json``, the picture, and ``status.json`` where the target was changed since."""
+"""Bundles: one zip of ``evidence.json``, the picture, the pieces of map and ground that it was registered to, and
+``status.json`` where the target was changed since.
+"""
 
 from __future__ import annotations
 
@@ -7,36 +9,46 @@ import io
 import json
 import zipfile
 import zlib
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import get_args
 
 from backend.errors import BundleError
-from backend.evidence.schema import Evidence, read_document
+from backend.evidence.schema import Evidence, PieceName, read_document
 
 DOCUMENT, PICTURE, STATUS = "evidence.json", "frame.jpg", "status.json"
+PIECES: tuple[PieceName, ...] = get_args(PieceName)
 MAX_BYTES = 64_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A bundle that was read: its picture's hash fits. ``picture`` is None where there is none beside the document.
+    """A bundle that was read: the hashes of its files fit. ``picture`` is None where there is none beside the document.
 
-    ``status`` is what the station said of the target when it gave the bundle out; it is under no hash.
+    ``pieces`` are the files of map and ground, by name. ``status`` is what the station said of the target when it gave
+    the bundle out; it is under no hash.
     """
 
     evidence: Evidence
     document: bytes
     picture: bytes | None
     status: str | None = None
+    pieces: Mapping[PieceName, bytes] = field(default_factory=dict)
 
 
-def pack(document: bytes, picture: bytes | None, status: str | None = None) -> bytes:
+def pack(
+    document: bytes, picture: bytes | None, status: str | None = None, pieces: Mapping[PieceName, bytes] | None = None
+) -> bytes:
     """The bytes of a bundle."""
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w") as archive:
         archive.writestr(zipfile.ZipInfo(DOCUMENT), document, zipfile.ZIP_DEFLATED)
         if picture is not None:
             archive.writestr(zipfile.ZipInfo(PICTURE), picture, zipfile.ZIP_STORED)
+        for file, data in (pieces or {}).items():
+            kind = zipfile.ZIP_STORED if file.endswith(".png") else zipfile.ZIP_DEFLATED
+            archive.writestr(zipfile.ZipInfo(file), data, kind)
         if status is not None:
             archive.writestr(zipfile.ZipInfo(STATUS), json.dumps({"status": status}) + "\n", zipfile.ZIP_STORED)
     return out.getvalue()
@@ -69,16 +81,27 @@ def unpack(data: bytes, name: str) -> Bundle:
     if DOCUMENT not in members:
         raise BundleError(name, f"holds no {DOCUMENT}: it is no evidence of a target, or was cut")
     evidence = read_document(members[DOCUMENT], f"{name}: {DOCUMENT}")
-    picture, expected = members.get(PICTURE), evidence.picture
-    if expected.file is None and picture is not None:
-        raise BundleError(name, f"holds a {PICTURE} of which {DOCUMENT} knows nothing")
-    if expected.file is not None:
-        if picture is None:
-            raise BundleError(name, f"{PICTURE} is missing; {DOCUMENT} names it")
-        found = hashlib.sha256(picture).hexdigest()
-        if found != expected.sha256:
-            raise BundleError(name, f"{PICTURE} was altered: its SHA-256 is {found}, not {expected.sha256}")
-    return Bundle(evidence, members[DOCUMENT], picture, _status(members.get(STATUS), name))
+    expected: dict[str, str] = {file.file: file.sha256 for file in evidence.pieces()}
+    if evidence.picture.file is not None:
+        expected[PICTURE] = evidence.picture.sha256 or ""
+    for file in (PICTURE, *PIECES):
+        _check_file(file, members.get(file), expected.get(file), name)
+    pieces = {file: members[file] for file in PIECES if file in members}
+    return Bundle(
+        evidence, members[DOCUMENT], members.get(PICTURE), _status(members.get(STATUS), name), pieces
+    )  # fmt: skip
+
+
+def _check_file(file: str, data: bytes | None, sha256: str | None, name: str) -> None:
+    if sha256 is None:
+        if data is not None:
+            raise BundleError(name, f"holds a {file} of which {DOCUMENT} knows nothing")
+        return
+    if data is None:
+        raise BundleError(name, f"{file} is missing; {DOCUMENT} names it")
+    found = hashlib.sha256(data).hexdigest()
+    if found != sha256:
+        raise BundleError(name, f"{file} was altered: its SHA-256 is {found}, not {sha256}")
 
 
 def _members(data: bytes, name: str) -> dict[str, bytes]:
@@ -86,7 +109,7 @@ def _members(data: bytes, name: str) -> dict[str, bytes]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             for info in archive.infolist():
-                if info.filename not in (DOCUMENT, PICTURE, STATUS) or info.filename in members:
+                if info.filename not in (DOCUMENT, PICTURE, STATUS, *PIECES) or info.filename in members:
                     raise BundleError(name, f"holds {info.filename!r} too much: a bundle has {DOCUMENT} and {PICTURE}")
                 if info.file_size > MAX_BYTES:
                     raise BundleError(name, f"{info.filename} would unpack to {info.file_size} bytes")

@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+import json
 import math
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from backend.errors import BundleError
 from backend.evidence.bundle import Bundle, read_bundle
-from backend.evidence.verify import Verdict, matching_file, verify
+from backend.evidence.repeat import COV_TOLERANCE, TOLERANCE_M, Outcome, Repetition, repeat
+from backend.evidence.verify import FileMatch, Recomputed, Verdict, matching_file, verify
+from geodata.errors import GeodataError
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Checked:
+    """All that was found out about a bundle; ``given`` is which of its files those on the command line are."""
+
+    path: Path
+    bundle: Bundle
+    verdict: Verdict
+    given: tuple[tuple[Path, FileMatch | None], ...]
+    repetition: Repetition
+
+    @property
+    def agrees(self) -> bool:
+        """Whether nothing speaks against the coordinate."""
+        files = all(match is not None for _, match in self.given)
+        return files and self.verdict.agrees and self.repetition.outcome is not Outcome.DISAGREES
 
 
 def register(app: typer.Typer) -> None:
@@ -25,47 +46,70 @@ def verify_files(
         list[Path], typer.Argument(help="Evidence of targets: .zip, or its evidence.json alone.", show_default=False)
     ],
     map: Annotated[
-        Path | None, typer.Option(help="A map or elevation file: was it the one in use?", show_default=False)
+        Path | None,
+        typer.Option(help="The map: was it the one in use, and is the picture there on it?", show_default=False),
     ] = None,
+    elevation: Annotated[
+        Path | None, typer.Option(help="The elevation: was it the one in use?", show_default=False)
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object for each file.")] = False,
 ) -> None:
     """Compute targets again from their evidence (GET /api/v1/targets/ID/evidence) and compare.
+
+    The picture is registered to the map again, to the piece of it in the evidence where none is given.
 
     Exit status 0 when every one agrees, 1 when one does not or cannot be believed.
     """
     refused = 0
     for path in files:
         try:
-            bundle = read_bundle(path)
-            verdict = verify(bundle.evidence, str(path))
-            _tell(path, bundle, verdict)
-            agrees = verdict.agrees
-            if map is not None:
-                agrees = _tell_map(bundle, map) and agrees
-            typer.echo("  agrees" if agrees else "  does not agree")
-            refused += not agrees
-        except BundleError as error:
-            typer.echo(f"error: {error}", err=True)
+            checked = _check(path, [given for given in (map, elevation) if given is not None])
+        except (BundleError, GeodataError) as error:
+            if as_json:
+                typer.echo(json.dumps({"file": str(path), "agrees": False, "error": str(error)}))
+            else:
+                typer.echo(f"error: {error}", err=True)
             refused += 1
+            continue
+        if as_json:
+            typer.echo(json.dumps(_json(checked), allow_nan=False))
+        else:
+            _tell(checked)
+        refused += not checked.agrees
     if refused:
         raise typer.Exit(1)
 
 
-def _tell(path: Path, bundle: Bundle, verdict: Verdict) -> None:
-    evidence, found = bundle.evidence, verdict.recomputed
-    stated, frame = evidence.result, evidence.frame
-    typer.echo(f"{path}: target {evidence.target.id}, version {evidence.target.version}")
+def _check(path: Path, given: list[Path]) -> Checked:
+    bundle = read_bundle(path)
+    verdict = verify(bundle.evidence, str(path))
+    matches = tuple((file, matching_file(bundle.evidence, file)) for file in given)
+    known = [match for _, match in matches if match is not None]
+    if bundle.evidence.registration is not None and len(known) < len(matches):
+        repetition = Repetition(Outcome.NOT_REPEATED, "a file that was given is none of those in use")
+    else:
+        repetition = repeat(bundle, verdict, known, str(path))
+    return Checked(path, bundle, verdict, matches, repetition)
+
+
+def _tell(checked: Checked) -> None:
+    bundle, verdict = checked.bundle, checked.verdict
+    evidence = bundle.evidence
+    frame = evidence.frame
+    typer.echo(f"{checked.path}: target {evidence.target.id}, version {evidence.target.version}")
     typer.echo(
         f"  frame {frame.frame_id} of {frame.source}, exposed {_time(frame.t_unix_us)}, pixel "
         f"({evidence.click.u_px:g}, {evidence.click.v_px:g}); {evidence.program.name} {evidence.program.version}"
     )
     if bundle.status is not None:
         typer.echo(f"  note of the station: {bundle.status}")
-    cov_stated = [[value or 0.0 for value in row] for row in stated.cov_ned_m2]
-    _tell_place("stated    ", stated.lat_deg, stated.lon_deg, stated.alt_amsl_m, cov_stated, stated.method)
-    _tell_place(
-        "recomputed", math.degrees(found.lat_rad), math.degrees(found.lon_rad), found.alt_amsl_m,
-        found.cov_ned_m2.tolist(), found.method,
-    )  # fmt: skip
+    for title, place in (("stated    ", _stated(bundle)), ("recomputed", _found(verdict.recomputed))):
+        cov = np.array(place["cov_ned_m2"])
+        std_n, std_e, std_d = np.sqrt(np.maximum(np.diag(cov), 0.0))
+        typer.echo(
+            f"  {title} {place['lat_deg']:.9f}, {place['lon_deg']:.9f}, {place['alt_amsl_m']:.3f} m AMSL; sigma N "
+            f"{std_n:.3f} E {std_e:.3f} D {std_d:.3f} m; NE {cov[0, 1]:.4g} m2; {place['method']}"
+        )
     typer.echo(
         f"  distance   {verdict.distance_m:.6f} m, {verdict.distance_sigmas:.6f} sigmas; "
         f"covariances differ by {verdict.cov_change:.1e}"
@@ -76,32 +120,78 @@ def _tell(path: Path, bundle: Bundle, verdict: Verdict) -> None:
             f"  placement  by {placed.by}, {math.hypot(*placed.correction[:2]):.2f} m from where the pose had it, "
             f"outlier probability {placed.outlier_probability:.2f}"
         )
-    if evidence.picture.file is None:
-        typer.echo(f"  picture    none: {evidence.picture.problem}")
-    elif bundle.picture is None:
-        typer.echo("  picture    not checked: it is in the .zip")
-    else:
-        typer.echo(f"  picture    as it was, SHA-256 {evidence.picture.sha256}")
+    typer.echo(f"  picture    {_picture(bundle)}")
+    for path, match in checked.given:
+        typer.echo(f"  file       {path} is {_none_of(bundle) if match is None else match.words}")
+    _tell_repetition(checked.repetition)
+    not_repeated = checked.repetition.outcome is Outcome.NOT_REPEATED
+    agreement = "  agrees, but its registration was not repeated" if not_repeated else "  agrees"
+    typer.echo(agreement if checked.agrees else "  does not agree")
 
 
-def _tell_place(
-    title: str, lat_deg: float, lon_deg: float, alt_m: float, cov_ned_m2: list[list[float]], method: str
-) -> None:
-    std_n, std_e, std_d = np.sqrt(np.maximum(np.diag(np.array(cov_ned_m2)), 0.0))
-    typer.echo(
-        f"  {title} {lat_deg:.9f}, {lon_deg:.9f}, {alt_m:.3f} m AMSL; "
-        f"sigma N {std_n:.3f} E {std_e:.3f} D {std_d:.3f} m; NE {cov_ned_m2[0][1]:.4g} m2; {method}"
-    )
+def _tell_repetition(repetition: Repetition) -> None:
+    """The line on the registration, none where there was none."""
+    match repetition.outcome:
+        case Outcome.NONE:
+            return
+        case Outcome.NOT_REPEATED:
+            typer.echo(f"  registration not repeated: {repetition.reason}")
+        case _:
+            told = f"  registration repeated on {repetition.on}: {repetition.outcome}"
+            if repetition.displacement_ne_m is not None:
+                north_m, east_m = repetition.displacement_ne_m
+                told += (
+                    f"; displacement N {north_m:.3f} E {east_m:.3f} m; the coordinate by it {repetition.distance_m:.6f}"
+                    f" m away (at most {TOLERANCE_M:g}), covariances differ by {repetition.cov_change:.1e} (at most "
+                    f"{COV_TOLERANCE:g})"
+                )
+            typer.echo(f"{told}; {repetition.reason}" if repetition.reason else told)
 
 
-def _tell_map(bundle: Bundle, path: Path) -> bool:
-    which = matching_file(bundle.evidence, path)
-    if which is not None:
-        typer.echo(f"  map        {path} is {which}")
-        return True
-    known = [f"{file.role} '{file.file}' ({file.sha256 or file.problem})" for file in bundle.evidence.files]
-    typer.echo(f"  map        {path} is none of the files in use: {', '.join(known) or 'there were none'}")
-    return False
+def _json(checked: Checked) -> dict[str, Any]:
+    bundle, verdict, again = checked.bundle, checked.verdict, checked.repetition
+    return {
+        "file": str(checked.path), "target": bundle.evidence.target.id, "version": bundle.evidence.target.version,
+        "agrees": checked.agrees, "note": bundle.status,
+        "stated": _stated(bundle), "recomputed": _found(verdict.recomputed),
+        "distance_m": verdict.distance_m, "distance_sigmas": verdict.distance_sigmas,
+        "cov_change": verdict.cov_change, "picture": _picture(bundle),
+        "files": [
+            {"file": str(path), "is": None if match is None else match.words} for path, match in checked.given
+        ],
+        "registration": {
+            "outcome": str(again.outcome), "reason": again.reason or None, "on": again.on or None,
+            "displacement_ne_m": again.displacement_ne_m, "distance_m": again.distance_m,
+            "cov_change": again.cov_change, "tolerance_m": TOLERANCE_M, "cov_tolerance": COV_TOLERANCE,
+        },
+    }  # fmt: skip
+
+
+def _stated(bundle: Bundle) -> dict[str, Any]:
+    result = bundle.evidence.result
+    cov = [[value or 0.0 for value in row] for row in result.cov_ned_m2]
+    place = {"lat_deg": result.lat_deg, "lon_deg": result.lon_deg, "alt_amsl_m": result.alt_amsl_m}
+    return {**place, "cov_ned_m2": cov, "method": result.method}
+
+
+def _found(found: Recomputed) -> dict[str, Any]:
+    return {
+        "lat_deg": math.degrees(found.lat_rad), "lon_deg": math.degrees(found.lon_rad),
+        "alt_amsl_m": found.alt_amsl_m, "cov_ned_m2": found.cov_ned_m2.tolist(), "method": found.method,
+    }  # fmt: skip
+
+
+def _picture(bundle: Bundle) -> str:
+    part = bundle.evidence.picture
+    if part.file is None:
+        return f"none: {part.problem}"
+    return "not checked: it is in the .zip" if bundle.picture is None else f"as it was, SHA-256 {part.sha256}"
+
+
+def _none_of(bundle: Bundle) -> str:
+    files = bundle.evidence.files
+    known = [f"{file.role} '{file.file}' ({file.sha256 or file.problem})" for file in files]
+    return f"none of the files in use: {', '.join(known) or 'there were none'}"
 
 
 def _time(t_unix_us: int) -> str:

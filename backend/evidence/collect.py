@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from backend.evidence.ground import WatchedGround, ground_part_of
+from backend.evidence.piece import ground_piece, map_piece
+from backend.evidence.registering import Registered, settings_part
 from backend.evidence.schema import (
     CalibrationPart,
     CameraPart,
@@ -20,8 +22,10 @@ from backend.evidence.schema import (
     GroundPart,
     MountPart,
     PicturePart,
+    PieceName,
     PlacementPart,
     ProgramPart,
+    RegistrationPart,
     ResultPart,
     StatePart,
     TargetPart,
@@ -38,9 +42,10 @@ from estimator.types import Float, NavigationState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RegisteredPart:
-    """How a clicked picture lies on the map, and where the pixel is by ray and registration together."""
+    """How a clicked picture lies on the map, by which search; where the pixel is by ray and registration together."""
 
     placed: Placement
+    search: Registered
     map_offset_std_m: float
     fusion: FusionConfig
     fused: FusedTarget
@@ -74,8 +79,11 @@ class Sighting:
 
 def evidence_of(
     sighting: Sighting, source: str, files: list[FileUsedPart], picture: bytes | None, version: str
-) -> Evidence:
-    """The evidence of a sighting on a frame of a video ``source``; ``version`` is the program's."""
+) -> tuple[Evidence, dict[PieceName, bytes]]:
+    """The evidence of a sighting on a frame of a video ``source``, with the pieces of map and ground beside it.
+
+    ``version`` is the program's.
+    """
     target, frame, setup, found = sighting.target, sighting.frame, sighting.setup, sighting.found
     camera, mount, place = setup.camera, setup.mount, setup.frame
     u_px, v_px = sighting.camera_uv_px
@@ -83,7 +91,8 @@ def evidence_of(
     part = sighting.registered
     pos_ned_m = found.pos_ned_m if part is None else part.fused.pos_ned_m
     cov_ned_m2 = found.cov_ned_m2 if part is None else part.fused.cov_ned_m2
-    return Evidence(
+    registration, pieces = (None, {}) if part is None else _registration(part, sighting)
+    evidence = Evidence(
         program=ProgramPart(name="pilotage", version=version),
         target=TargetPart(id=target.id, version=target.version, created_unix_us=target.created_unix_us),
         frame=FramePart(
@@ -113,13 +122,14 @@ def evidence_of(
         files=files,
         calibration=_calibration(sighting.state),
         picture=_picture(picture),
-        placement=None if part is None else _placement(part),
+        placement=None if part is None else _placement(part), registration=registration,
         result=ResultPart(
             lat_deg=target.lat_deg, lon_deg=target.lon_deg, alt_amsl_m=target.alt_amsl_m or 0.0,
             pos_ned_m=pos_ned_m.tolist(), cov_ned_m2=_matrix(cov_ned_m2), ray_method=found.method,
             method=target.method,
         ),
     )  # fmt: skip
+    return evidence, pieces
 
 
 def _state(state: NavigationState, assumption: str | None, corrected: bool) -> StatePart:
@@ -145,6 +155,22 @@ def _placement(part: RegisteredPart) -> PlacementPart:
         cov=placed.cov.tolist(), map_std_m=placed.map_std_m, outlier_probability=placed.outlier_probability,
         map_offset_std_m=part.map_offset_std_m, cross=fusion.cross, pose_inflation=fusion.pose_inflation,
     )  # fmt: skip
+
+
+def _registration(part: RegisteredPart, sighting: Sighting) -> tuple[RegistrationPart, dict[PieceName, bytes]]:
+    search = part.search
+    if search.map is None or search.ground is None:
+        message = "a placement without a map is none"
+        raise ValueError(message)
+    of_map, of_ground = map_piece(search.map), ground_piece(search.ground)
+    flat = search.ground.ground
+    registration = RegistrationPart(
+        state=_state(search.state, sighting.assumption, search.corrected), settings=settings_part(search.settings),
+        map_offset_ne_m=list(sighting.setup.map_offset_ne_m), map=of_map.part,
+        ground=None if of_ground is None else of_ground.part,
+        ground_alt_amsl_m=float(flat.alt_amsl_m(np.zeros(1), np.zeros(1))[0]) if of_ground is None else None,
+    )  # fmt: skip
+    return registration, {**of_map.files, **({} if of_ground is None else of_ground.files)}
 
 
 def _calibration(state: NavigationState) -> CalibrationPart | None:

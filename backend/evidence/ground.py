@@ -33,19 +33,30 @@ class WatchedGround:
 
 
 class GroundStrip:
-    """Altitudes from the cells of a `StripPart`: to the last bit those of the grid that they were taken from."""
+    """Altitudes from some cells of a grid: to the last bit those of the grid that they were taken from.
 
-    def __init__(self, strip: StripPart) -> None:
-        width = max(len(row) for row in strip.alt_amsl_m)
+    ``cells`` (rows, cols), NaN where unknown, begin in ``first_row`` and each row in the grid's ``first_cols`` (rows,).
+    """
+
+    def __init__(
+        self, cells: Float, first_row: int, first_cols: NDArray[np.intp], north_max_m: float, east_min_m: float,
+        gsd_m: float,
+    ) -> None:  # fmt: skip
         # Rows end in a NaN, which stands for all that is not listed.
-        self._cells = np.full((len(strip.alt_amsl_m), width + 1), np.nan)
-        for row, heights in enumerate(strip.alt_amsl_m):
-            self._cells[row, : len(heights)] = [np.nan if height is None else height for height in heights]
-        self._first_row = strip.first_row
-        self._first_cols = np.array(strip.first_cols, dtype=np.intp)
+        self._cells = np.pad(cells, ((0, 0), (0, 1)), constant_values=np.nan)
+        self._first_row, self._first_cols = first_row, first_cols
         # The grid's own arithmetic: its first row and column are a border about the cells.
-        self._north_zero_m, self._east_zero_m = strip.north_max_m + strip.gsd_m, strip.east_min_m - strip.gsd_m
-        self._per_m = 1.0 / strip.gsd_m
+        self._north_zero_m, self._east_zero_m = north_max_m + gsd_m, east_min_m - gsd_m
+        self._per_m = 1.0 / gsd_m
+
+    @classmethod
+    def of(cls, strip: StripPart) -> GroundStrip:
+        """The cells of evidence."""
+        cells = np.full((len(strip.alt_amsl_m), max(len(row) for row in strip.alt_amsl_m)), np.nan)
+        for row, heights in enumerate(strip.alt_amsl_m):
+            cells[row, : len(heights)] = [np.nan if height is None else height for height in heights]
+        firsts = np.array(strip.first_cols, dtype=np.intp)
+        return cls(cells, strip.first_row, firsts, strip.north_max_m, strip.east_min_m, strip.gsd_m)
 
     def alt_amsl_m(self, north_m: Float, east_m: Float) -> Float:
         """Altitude by bilinear interpolation, in the shape of the broadcast inputs; NaN beside the cells."""
@@ -73,7 +84,7 @@ class GroundStrip:
 
 def ground_model_of(part: FlatPart | StripPart) -> GroundModel:
     """The ground that evidence holds."""
-    return FlatGround(part.alt_amsl_m) if isinstance(part, FlatPart) else GroundStrip(part)
+    return FlatGround(part.alt_amsl_m) if isinstance(part, FlatPart) else GroundStrip.of(part)
 
 
 def ground_part_of(watched: WatchedGround, origin_ned_m: Float, point_ned_m: Float) -> FlatPart | StripPart:

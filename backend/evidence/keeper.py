@@ -122,7 +122,7 @@ class EvidenceKeeper:
             raise NoEvidenceError(
                 target.id, f"{moved}; the evidence of version {proven} is kept, under ?version={proven}"
             )
-        return Bundle(bundle.evidence, bundle.document, bundle.picture, moved)
+        return Bundle(bundle.evidence, bundle.document, bundle.picture, moved, bundle.pieces)
 
     @staticmethod
     def click_version(target: Target) -> int | None:
@@ -156,8 +156,8 @@ class EvidenceKeeper:
         return [*([first] if first.exists() else []), *sorted(self.folder.glob(f"{target_id}{AGAIN}*{step}"))]
 
     def _write(self, sighting: Sighting, source: str, files: list[FileUsedPart], picture: bytes | None) -> None:
-        evidence = evidence_of(sighting, source, files, picture, self._version)
-        data = pack(document_of(evidence), picture)
+        evidence, pieces = evidence_of(sighting, source, files, picture, self._version)
+        data = pack(document_of(evidence), picture, None, pieces)
         path = self._path(sighting.target.id, NEW, sighting.target.version)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)

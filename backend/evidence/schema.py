@@ -16,8 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from backend.errors import BundleError
 from backend.settings import describe_validation
 
-SCHEMA: Literal["pilotage.evidence/3"] = "pilotage.evidence/3"
+SCHEMA: Literal["pilotage.evidence/4"] = "pilotage.evidence/4"
 HASH_FIELD = "content_sha256"
+MOST_CELLS = 120_000_000
+PieceName = Literal["map.png", "map_valid.png", "ground.f64"]
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
@@ -203,7 +205,7 @@ class CalibrationPart(_Part):
 
 
 class PicturePart(_Part):
-    """The picture clicked on, for people: the computation needs only the pixel. ``file`` is null where it was gone."""
+    """The picture clicked on, which is the one that was registered. ``file`` is null where it was gone."""
 
     file: Literal["frame.jpg"] | None
     sha256: Sha256 | None
@@ -231,6 +233,64 @@ class PlacementPart(_Part):
     pose_inflation: Annotated[float, Field(ge=1.0, allow_inf_nan=False)]
 
 
+class FilePart(_Part):
+    """A file beside the document, in the zip."""
+
+    file: PieceName
+    sha256: Sha256
+
+
+class GridPart(_Part):
+    """A cut-out of a grid: ``piece_rows`` x ``piece_cols`` cells from row ``first_row``, column ``first_col`` on.
+
+    The centre of the grid's row r, column c lies at north = ``north_max_m`` - r ``gsd_m``, east = ``east_min_m`` +
+    c ``gsd_m``. The cells are in ``files``; where there are none ``problem`` says why.
+    """
+
+    north_max_m: Finite
+    east_min_m: Finite
+    gsd_m: Positive
+    rows: Annotated[int, Field(gt=0)]
+    cols: Annotated[int, Field(gt=0)]
+    first_row: Annotated[int, Field(ge=0)]
+    first_col: Annotated[int, Field(ge=0)]
+    piece_rows: Annotated[int, Field(ge=0)]
+    piece_cols: Annotated[int, Field(ge=0)]
+    files: list[FilePart]
+    problem: str | None
+
+    @model_validator(mode="after")
+    def _fits(self) -> Self:
+        if self.rows * self.cols > MOST_CELLS:
+            raise ValueError(f"a grid of {self.rows} x {self.cols} cells is larger than any that is in use")
+        if self.first_row + self.piece_rows > self.rows or self.first_col + self.piece_cols > self.cols:
+            raise ValueError("the piece reaches beyond its grid")
+        return self
+
+
+class RegistrationPart(_Part):
+    """What the registration behind ``placement`` was made with, for it to be repeated.
+
+    ``state`` is the one that the search set out from: that of the click, where later fixes have moved it since.
+    ``settings`` are those of `estimator.registration.placement.PlacementConfig`, before the search is widened for the
+    state's uncertainty. ``map_offset_ne_m`` was added to every position read off the reference file. ``ground`` is null
+    where it was at one altitude, ``ground_alt_amsl_m`` where it was not.
+    """
+
+    state: StatePart
+    settings: dict[str, Any]
+    map_offset_ne_m: Annotated[list[Finite], Field(min_length=2, max_length=2)]
+    map: GridPart
+    ground: GridPart | None
+    ground_alt_amsl_m: Finite | None
+
+    @model_validator(mode="after")
+    def _one_ground(self) -> Self:
+        if (self.ground is None) == (self.ground_alt_amsl_m is None):
+            raise ValueError("the ground is either a grid or at one altitude")
+        return self
+
+
 class ResultPart(_Part):
     """The coordinate, its covariance (NED), and the method in the estimator's and in the target's words."""
 
@@ -246,7 +306,7 @@ class ResultPart(_Part):
 class Evidence(_Part):
     """The whole document."""
 
-    schema_name: Annotated[Literal["pilotage.evidence/3"], Field(alias="schema")] = SCHEMA
+    schema_name: Annotated[Literal["pilotage.evidence/4"], Field(alias="schema")] = SCHEMA
     program: ProgramPart
     target: TargetPart
     frame: FramePart
@@ -260,7 +320,20 @@ class Evidence(_Part):
     calibration: CalibrationPart | None
     picture: PicturePart
     placement: PlacementPart | None
+    registration: RegistrationPart | None
     result: ResultPart
+
+    @model_validator(mode="after")
+    def _registered(self) -> Self:
+        if (self.placement is None) != (self.registration is None):
+            raise ValueError("a placement and what it was found with go together")
+        return self
+
+    def pieces(self) -> list[FilePart]:
+        """The files of map and ground that lie beside the document."""
+        part = self.registration
+        grids = [] if part is None else [part.map, *([] if part.ground is None else [part.ground])]
+        return [file for grid in grids for file in grid.files]
 
 
 def content_sha256(content: dict[str, Any]) -> str:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from backend.errors import BundleError
 from backend.evidence.ground import ground_model_of
-from backend.evidence.schema import Evidence, PlacementPart
+from backend.evidence.schema import Evidence, PlacementPart, StatePart
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
 from estimator.geometry.local import LocalFrame
@@ -69,18 +70,11 @@ def verify(evidence: Evidence, name: str) -> Verdict:
         What the evidence states is impossible: a covariance that is none, a rotation that is none, a ray that meets no
         ground. ``name`` says in it which file.
     """
-    cov_pose = covariance(evidence.state.cov_camera_pose, "the camera pose's covariance (state.cov_camera_pose)", name)
-    _check_ground_bias(evidence, cov_pose, name)
     cov_stated = covariance(evidence.result.cov_ned_m2, "the result's covariance (result.cov_ned_m2)", name)
-    camera_part, place = evidence.camera, evidence.local_frame
-    _check_pixel(evidence, name)
+    _, frame = camera_and_frame(evidence, name)
     try:
-        camera = Camera(
-            camera_part.width_px, camera_part.height_px, camera_part.fx_px, camera_part.fy_px, camera_part.cx_px,
-            camera_part.cy_px, _five(camera_part.distortion),
-        )  # fmt: skip
-        frame = LocalFrame(place.lat_rad, place.lon_rad, place.alt_m)
-        found = _recomputed(evidence, _state(evidence, cov_pose, name), camera, frame, name)
+        placed = None if evidence.placement is None else _placement(evidence.placement, name)
+        found = recomputed(evidence, placed, name)
     except GeometryError as error:
         raise BundleError(name, f"gives no coordinate: {error}") from None
     except ValueError as error:
@@ -97,10 +91,34 @@ def verify(evidence: Evidence, name: str) -> Verdict:
     )
 
 
-def _recomputed(evidence: Evidence, state: NavigationState, camera: Camera, frame: LocalFrame, name: str) -> Recomputed:
+def camera_and_frame(evidence: Evidence, name: str) -> tuple[Camera, LocalFrame]:
+    """The calibrated camera and the local frame; BundleError where they cannot be."""
+    part, place = evidence.camera, evidence.local_frame
+    try:
+        camera = Camera(
+            part.width_px, part.height_px, part.fx_px, part.fy_px, part.cx_px, part.cy_px, _five(part.distortion)
+        )
+        return camera, LocalFrame(place.lat_rad, place.lon_rad, place.alt_m)
+    except ValueError as error:
+        raise BundleError(name, f"states what cannot be: {error}") from None
+
+
+def recomputed(evidence: Evidence, placed: Placement | None, name: str) -> Recomputed:
+    """The coordinate of the click by the state's ray, and by how its picture is ``placed`` on the map, if it is.
+
+    Raises
+    ------
+    GeometryError, ValueError
+        There is none.
+    BundleError
+        The state cannot be.
+    """
+    _check_pixel(evidence, name)
+    state = state_of(evidence.state, "state", name)
+    camera, frame = camera_and_frame(evidence, name)
     click, of, part = evidence.click, evidence.ground, evidence.placement
     uv_px, ground = (click.camera_u_px, click.camera_v_px), ground_model_of(of.model)
-    if part is None:
+    if part is None or placed is None:
         ray = locate_ray(
             state, camera, uv_px, ground, frame, of.std_m, click.std_px, of.target_height_m, of.max_range_m,
             of.slope_std,
@@ -110,7 +128,7 @@ def _recomputed(evidence: Evidence, state: NavigationState, camera: Camera, fram
         )
     fusion = FusionConfig(part.cross, part.pose_inflation)
     scene = Scene(camera, ground, frame, None, of.std_m, of.slope_std, part.map_offset_std_m, fusion=fusion)
-    places = locate_click(uv_px, state, _placement(part, name), scene, click.std_px, 0, of.target_height_m)
+    places = locate_click(uv_px, state, placed, scene, click.std_px, 0, of.target_height_m)
     if places.ray is None or places.registered is None:
         raise BundleError(name, f"gives no coordinate by registration: {places.refusal or 'its ray meets no ground'}")
     lat, lon, alt = frame.geodetic_from_ned(places.fused.pos_ned_m)
@@ -131,8 +149,25 @@ def _placement(part: PlacementPart, name: str) -> Placement:
     )  # fmt: skip
 
 
-def matching_file(evidence: Evidence, path: Path) -> str | None:
-    """Which file of the evidence a file on the disk is, in words; None where it is none of them.
+@dataclass(frozen=True, slots=True)
+class FileMatch:
+    """Which file of the evidence one on the disk is; ``is_source`` where it is what that was imported from."""
+
+    path: Path
+    role: Literal["reference", "elevation"]
+    file: str
+    is_source: bool
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        if self.is_source:
+            return f"the file that the {self.role} was imported from, '{self.file}'"
+        return f"the {self.role} in use, '{self.file}'"
+
+
+def matching_file(evidence: Evidence, path: Path) -> FileMatch | None:
+    """Which file of the evidence a file on the disk is; None where it is none of them.
 
     Raises
     ------
@@ -145,9 +180,9 @@ def matching_file(evidence: Evidence, path: Path) -> str | None:
         raise BundleError(str(path), f"cannot be read: {error.strerror or error}") from None
     for file in evidence.files:
         if found == file.sha256:
-            return f"the {file.role} in use, '{file.file}'"
+            return FileMatch(path, file.role, file.file, is_source=False)
         if found == file.source_sha256:
-            return f"the file that the {file.role} was imported from, '{file.source_file}'"
+            return FileMatch(path, file.role, file.source_file or file.file, is_source=True)
     return None
 
 
@@ -168,12 +203,12 @@ def covariance(rows: list[list[float | None]], what: str, name: str) -> Float:
     return cov
 
 
-def _check_ground_bias(evidence: Evidence, cov_pose: Float, name: str) -> None:
+def _check_ground_bias(state: StatePart, cov_pose: Float, where: str, name: str) -> None:
     """The ground's bias must be as uncertain as goes with the pose's covariance (6, 6)."""
-    last = evidence.state.cov_ground_bias
+    last = state.cov_ground_bias
     if last is not None:
         joint: list[list[float | None]] = [[*row, last[n]] for n, row in enumerate(cov_pose.tolist())]
-        what = "the covariance of pose and ground bias (state.cov_camera_pose, state.cov_ground_bias)"
+        what = f"the covariance of pose and ground bias ({where}.cov_camera_pose, {where}.cov_ground_bias)"
         covariance([*joint, list(last)], what, name)
 
 
@@ -190,19 +225,25 @@ def _check_pixel(evidence: Evidence, name: str) -> None:
         )
 
 
-def _state(evidence: Evidence, cov_camera_pose: Float, name: str) -> NavigationState:
-    state = evidence.state
+def state_of(state: StatePart, where: str, name: str) -> NavigationState:
+    """The state that evidence has at ``where``; BundleError where it cannot be."""
+    cov_pose = covariance(state.cov_camera_pose, f"the camera pose's covariance ({where}.cov_camera_pose)", name)
+    _check_ground_bias(state, cov_pose, where, name)
     q = np.array(state.q_ned_from_camera)
     if not abs(float(np.linalg.norm(q)) - 1.0) < 1e-6:
-        raise BundleError(name, f"state.q_ned_from_camera is no rotation: its length is {np.linalg.norm(q):g}")
+        raise BundleError(name, f"{where}.q_ned_from_camera is no rotation: its length is {np.linalg.norm(q):g}")
+    try:
+        mode = Mode(state.mode)
+    except ValueError as error:
+        raise BundleError(name, f"states what cannot be: {error}") from None
     return NavigationState(
-        t_us=state.t_unix_us, mode=Mode(state.mode), process_model=state.process_model, lat_rad=state.lat_rad,
+        t_us=state.t_unix_us, mode=mode, process_model=state.process_model, lat_rad=state.lat_rad,
         lon_rad=state.lon_rad, alt_amsl_m=state.alt_amsl_m, alt_agl_m=_number(state.alt_agl_m),
         pos_ned_m=np.array(state.pos_ned_m), vel_ned_m_s=np.array([_number(value) for value in state.vel_ned_m_s]),
         q_ned_from_body=np.array(state.q_ned_from_body), q_ned_from_camera=q,
         cov_pos_ned_m2=np.array([[_number(value) for value in row] for row in state.cov_pos_ned_m2]),
-        cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=cov_camera_pose[3:, 3:],
-        cov_camera_pose=cov_camera_pose, last_fix_age_s=_number(state.last_fix_age_s),
+        cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=cov_pose[3:, 3:],
+        cov_camera_pose=cov_pose, last_fix_age_s=_number(state.last_fix_age_s),
         lever_ned_m=np.array(state.lever_ned_m), ground_bias_m=state.ground_bias_m,
         cov_ground_bias=None if state.cov_ground_bias is None else np.array(state.cov_ground_bias),
     )  # fmt: skip

@@ -78,7 +78,8 @@ class NavigationSetup:
     single point of the ground may be off; ``ground_bias_std_m`` over ``ground_bias_length_m`` what the filter is to
     learn of it, None what it assumes. ``time_offset_s`` is what was added to the times of pictures without stamps;
     where it is None the Navigator finds it. ``place_known`` is False where the local frame was laid into the map's
-    middle for want of a position: then the Navigator searches the map. ``files`` are those it was read from.
+    middle for want of a position: then the Navigator searches the map. ``files`` are those it was read from;
+    ``map_offset_ne_m`` was added to every position read off the map.
     """
 
     camera: Camera
@@ -95,6 +96,7 @@ class NavigationSetup:
     ground_bias_length_m: float | None = None
     place_known: bool = True
     files: tuple[FileUsed, ...] = ()
+    map_offset_ne_m: tuple[float, float] = (0.0, 0.0)
 
     def ground_errors(self, state: NavigationState) -> tuple[float, float]:
         """Errors of the ground's height at a point (m) and of its slope, beside the bias that a state has learned.
@@ -192,9 +194,8 @@ def build_setup(
     frame = _frame(maps.bounds_deg, here)
     # Before they are read: what replaces them meanwhile must not pass for them.
     files = FileUsed.of("reference", maps.reference), FileUsed.of("elevation", maps.elevation)
-    reference = None
-    if maps.reference is not None:
-        reference = _reference(maps.reference, frame, profile.map.offset_ne_m if profile else (0.0, 0.0))
+    offset_ne_m = profile.map.offset_ne_m if profile else (0.0, 0.0)
+    reference = None if maps.reference is None else reference_of(maps.reference, frame, offset_ne_m)
     ground: GroundModel
     bias_length_m: float | None
     if maps.elevation is not None:
@@ -225,6 +226,7 @@ def build_setup(
         bias_std_m,
         bias_length_m,
         files=tuple(file for file in files if file is not None),
+        map_offset_ne_m=offset_ne_m,
     )
 
 
@@ -256,7 +258,8 @@ def _frame(bounds_deg: Sequence[float] | None, here: Place) -> LocalFrame:
     return LocalFrame(here.lat_rad, here.lon_rad, here.alt_amsl_m)
 
 
-def _reference(path: Path, frame: LocalFrame, offset_ne_m: tuple[float, float]) -> ReferenceMap:
+def reference_of(path: Path, frame: LocalFrame, offset_ne_m: tuple[float, float]) -> ReferenceMap:
+    """The map about a local frame's origin as the estimator has it; errors are those of `geodata`."""
     imagery = ReferenceImagery.open(path, offset_ne_m)
     try:
         whole = imagery.bounds_ne(frame)

@@ -18,12 +18,12 @@ from backend.clock import mono_us, unix_us
 from backend.errors import TargetChangedError, TargetNotKeptError, UnknownTargetError
 from backend.evidence.collect import Sighting
 from backend.evidence.keeper import EvidenceKeeper
+from backend.evidence.registering import Registered
 from backend.metrics import Metrics
 from backend.navigation.worker import NavigationWorker
 from backend.refining.places import Refined, corrected_state, refine, registered
 from backend.store.targets import Target, TargetStore
 from estimator.navigator_config import NavigatorConfig
-from estimator.registration.alignment import NoMatch
 from estimator.registration.placement import Placement
 from estimator.smoothing import smooth
 
@@ -48,7 +48,7 @@ _Found = TypeVar("_Found")
 
 @dataclass(slots=True, eq=False)
 class LocatedClick:
-    """A click as it was located last; ``placed`` is None until its picture was registered.
+    """A click as it was located last; ``search`` is None until its picture was registered.
 
     ``worker`` is the estimator that its state is from, None where no later fix can come.
     """
@@ -58,7 +58,7 @@ class LocatedClick:
     picture: bytes | None
     taken_us: int
     worker: NavigationWorker | None = None
-    placed: Placement | NoMatch | None = None
+    search: Registered | None = None
 
 
 class Refiner:
@@ -112,7 +112,7 @@ class Refiner:
             try:
                 self._waiting.put_nowait(click)
             except asyncio.QueueFull:
-                self._in_background(self._kept(click, Refined(None, NoMatch(TOO_MANY), TOO_MANY)))
+                self._in_background(self._kept(click, Refined(None, TOO_MANY)))
         if worker is not None:
             self._lately.append(click)
             del self._lately[:-MOST_LOOKED_BACK_AT]
@@ -131,12 +131,12 @@ class Refiner:
                 _log.warning("better coordinate not kept", target=click.sighting.target.id, error=str(error))
             except Exception:
                 _log.exception("click not registered", target=click.sighting.target.id)
-                await self._kept(click, Refined(None, NoMatch("it failed"), "not tried: it failed"))
+                await self._kept(click, Refined(None, "not tried: it failed"))
 
     async def _register(self, click: LocatedClick) -> None:
         started_us = mono_us()
-        click.placed = await self._in_thread(registered, click.sighting, click.picture)
-        found = await self._in_thread(refine, click.sighting, click.placed, click.sighting.state)
+        click.search = await self._in_thread(registered, click.sighting, click.picture)
+        found = await self._in_thread(refine, click.sighting, click.search, click.sighting.state)
         await self._kept(click, found)
         self._metrics.stage.labels("click_registration").observe((mono_us() - started_us) / 1e6)
         self._metrics.stage.labels("click_to_refined").observe((mono_us() - click.taken_us) / 1e6)
@@ -161,7 +161,7 @@ class Refiner:
                     _log.exception("clicks not corrected by later fixes")
 
     def _is_settled(self, click: LocatedClick) -> bool:
-        return click.placed is not None or click.sighting.target.registration != WAITING
+        return click.search is not None or click.sighting.target.registration != WAITING
 
     async def _correct(self, worker: NavigationWorker, clicks: list[LocatedClick]) -> None:
         if not clicks:
@@ -175,11 +175,11 @@ class Refiner:
             state = corrected_state(click.sighting, smoothed)
             if state is None:
                 continue
-            if not isinstance(click.placed, Placement):
+            if click.search is None or not isinstance(click.search.placed, Placement):
                 # From where the vehicle was in truth the picture may match.
-                again = replace(click.sighting, state=state)
-                click.placed = await self._in_thread(registered, again, click.picture)
-            await self._kept(click, await self._in_thread(refine, click.sighting, click.placed, state))
+                again = replace(click.sighting, state=state, corrected=True)
+                click.search = await self._in_thread(registered, again, click.picture)
+            await self._kept(click, await self._in_thread(refine, click.sighting, click.search, state))
 
     async def _in_thread(self, work: Callable[..., _Found], *arguments: object) -> _Found:
         return await asyncio.get_running_loop().run_in_executor(self._thread, work, *arguments)

@@ -34,12 +34,13 @@ def test_a_ray_is_cut_by_the_strip_as_by_the_grid(azimuth_deg: float) -> None:
         strip = ground_part_of(watched, origin, point)
         assert isinstance(strip, StripPart)
 
-        again = through(GroundStrip(strip), origin, ray)
+        again = through(GroundStrip.of(strip), origin, ray)
 
         assert_array_equal(again, point)
         asked = watched.asked_ne_m()
         assert_array_equal(
-            GroundStrip(strip).alt_amsl_m(asked[:, 0], asked[:, 1]), watched.ground.alt_amsl_m(asked[:, 0], asked[:, 1])
+            GroundStrip.of(strip).alt_amsl_m(asked[:, 0], asked[:, 1]),
+            watched.ground.alt_amsl_m(asked[:, 0], asked[:, 1]),
         )
         assert sum(len(row) for row in strip.alt_amsl_m) < 1_500  # of 12 600 cells
     assert cut >= 6
@@ -50,7 +51,7 @@ def through(ground: WatchedGround | GroundStrip, origin: Float, ray: Float) -> F
 
 
 def test_beside_the_strip_the_ground_is_unknown() -> None:
-    strip = GroundStrip(
+    strip = GroundStrip.of(
         StripPart(
             north_max_m=100.0, east_min_m=0.0, gsd_m=10.0, first_row=3, first_cols=[2, 1],
             alt_amsl_m=[[1.0, 2.0], [3.0, 4.0, 5.0]],

@@ -114,6 +114,11 @@ async def test_live_clicks_are_fused_with_their_registration_and_proven(tmp_path
         (tmp_path / f"{name}.zip").write_bytes(answer.content)
         verified = run_verify(tmp_path / f"{name}.zip", "--map", flight / "reference.tif")
         assert verified.exit_code == 0, verified.output
+        given = f"'{flight / 'reference.tif'}'"
+        assert (f"registration repeated on {given}: agrees" in verified.output) == (name == "now"), verified.output
+    without_map = run_verify(tmp_path / "now.zip").output
+    assert "registration repeated on the piece of it in the bundle: agrees" in without_map
+    assert without_map.endswith("  agrees\n")
     assert before.headers["pilotage-evidence"] == "superseded"
     assert "located better since version 1" in run_verify(tmp_path / "before.zip").output
     evidence = unpack(now.content, "now").evidence
@@ -127,13 +132,14 @@ async def test_live_clicks_are_fused_with_their_registration_and_proven(tmp_path
     for change in (
         lambda c: c["placement"]["correction"].__setitem__(0, c["placement"]["correction"][0] + 0.5),
         lambda c: c["placement"].update(cross=0.1),
-        lambda c: c.update(placement=None),
+        lambda c: c.update(placement=None, registration=None),
     ):
         read = unpack(now.content, "now")
         content = json.loads(read.document)
         change(content)
         content[HASH_FIELD] = content_sha256(content)
-        (tmp_path / "altered.zip").write_bytes(pack(json.dumps(content).encode(), read.picture))
+        pieces = read.pieces if content["registration"] else {}
+        (tmp_path / "altered.zip").write_bytes(pack(json.dumps(content).encode(), read.picture, None, pieces))
         refused = run_verify(tmp_path / "altered.zip")
         assert refused.exit_code == 1
         assert "does not agree" in refused.output
