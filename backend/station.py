@@ -24,6 +24,7 @@ from backend.errors import (
     InvalidRequestError,
     StationError,
     TargetNotKeptError,
+    UnknownReplayError,
     UnknownSourceError,
     UnknownVehicleError,
 )
@@ -48,6 +49,7 @@ from backend.playback.replays import Replays
 from backend.recorder.folder import ClickRow
 from backend.recorder.plan import plan_of
 from backend.recorder.recorder import Recorder
+from backend.refining.later import LaterFixes, LiveFixes
 from backend.refining.refiner import Refiner
 from backend.schemas.geometry import NewTarget, collection_of_targets, feature_of_target
 from backend.schemas.vehicles import CommandBody, MapBody, ReplayBody
@@ -305,10 +307,19 @@ class Station:
         self.cot.changed(target)
         self.hub.publish("target", action="created", target=feature_of_target(target).model_dump())
         if sighting is not None and not body.track:  # where one that is followed goes, its tracker says
-            live = self.fleet.vehicles.get(vehicle.id)
-            worker = None if live is None else live.worker
-            self.refiner.take(replace(sighting, target=target), vehicle.video_source or "", picture, worker)
+            later = self._later_fixes(vehicle.id)
+            self.refiner.take(replace(sighting, target=target), vehicle.video_source or "", picture, later)
         return target
+
+    def _later_fixes(self, vehicle_id: str) -> LaterFixes | None:
+        """Who will know more of the states of a vehicle's clicks: its estimator, or the rest of the flight."""
+        live = self.fleet.vehicles.get(vehicle_id)
+        if live is not None:
+            return None if live.worker is None else LiveFixes(live.worker)
+        try:
+            return self.replays.look_ahead(vehicle_id)
+        except UnknownReplayError:  # ended meanwhile
+            return None
 
     async def _keep_row(self, target: Target) -> None:
         try:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from backend.recorder.estimate import CAMERA_COLUMNS, NUMBER_COLUMNS, camera_pose
+from backend.recorder.estimate import CAMERA_COLUMNS, GROUND_COLUMNS, NUMBER_COLUMNS, camera_pose, ground_bias
 from estimator.geometry.camera import Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_euler, q_from_matrix
@@ -27,7 +27,8 @@ ASSUMED_ATTITUDE_STD_DEG = 1.0
 class EstimateTable:
     """Times (n,), ascending; ``values`` (n, 13) in the order of ``NUMBER_COLUMNS``; modes (n,).
 
-    ``q_ned_from_camera`` (n, 4) and ``cov_camera_pose`` (n, 6, 6) are NaN in lines that do not tell them.
+    ``q_ned_from_camera`` (n, 4), ``cov_camera_pose`` (n, 6, 6), ``ground_bias_m`` (n,) and ``cov_ground_bias`` (n, 7)
+    are NaN in lines that do not tell them.
     """
 
     t_us: np.ndarray
@@ -35,6 +36,8 @@ class EstimateTable:
     modes: tuple[Mode, ...]
     q_ned_from_camera: Float
     cov_camera_pose: Float
+    ground_bias_m: Float
+    cov_ground_bias: Float
 
     @classmethod
     def read(cls, path: Path) -> EstimateTable:
@@ -43,6 +46,7 @@ class EstimateTable:
         rows: list[list[float]] = []
         modes: list[Mode] = []
         poses: list[tuple[Float, Float]] = []
+        grounds: list[tuple[float, Float]] = []
         unknown = (np.full(4, np.nan), np.full((6, 6), np.nan))
         with path.open(newline="", encoding="utf-8", errors="replace") as file:
             for row in csv.DictReader(file):
@@ -56,10 +60,13 @@ class EstimateTable:
                     rows.append(numbers)
                     modes.append(mode)
                     poses.append(camera_pose(*(row.get(name) for name in CAMERA_COLUMNS)) or unknown)
+                    ground = ground_bias(*(row.get(name) for name in GROUND_COLUMNS))
+                    grounds.append(ground or (np.nan, np.full(7, np.nan)))
         values = np.array(rows, dtype=np.float64).reshape(-1, len(NUMBER_COLUMNS))
         q = np.array([pose[0] for pose in poses]).reshape(-1, 4)
         cov = np.array([pose[1] for pose in poses]).reshape(-1, 6, 6)
-        return cls(np.array(times, dtype=np.int64), values, tuple(modes), q, cov)
+        bias, cov_bias = np.array([g[0] for g in grounds]), np.array([g[1] for g in grounds]).reshape(-1, 7)
+        return cls(np.array(times, dtype=np.int64), values, tuple(modes), q, cov, bias, cov_bias)
 
     def index_at(self, t_us: int) -> int:
         """The last line at or before a time, -1 before the first."""
@@ -91,6 +98,19 @@ class EstimateTable:
         cov = self.cov_camera_pose[index] + part * (self.cov_camera_pose[after] - self.cov_camera_pose[index])
         return (q / np.linalg.norm(q), cov) if np.isfinite(q).all() and np.isfinite(cov).all() else None
 
+    def ground_bias_at(self, t_us: int) -> tuple[float, Float] | None:
+        """``ground_bias_m`` and ``cov_ground_bias`` at a time, interpolated; None where the table has none."""
+        found = self._between(t_us)
+        if found is None:
+            return None
+        index, part = found
+        after = index + 1 if part > 0.0 else index
+        bias, cov = (
+            values[index] + part * (values[after] - values[index])
+            for values in (self.ground_bias_m, self.cov_ground_bias)
+        )
+        return (float(bias), cov) if np.isfinite(bias) and np.isfinite(cov).all() else None
+
     def _between(self, t_us: int) -> tuple[int, float] | None:
         """The line before a time, and the part of the way from it to the next; None outside and in gaps."""
         index = self.index_at(t_us)
@@ -110,7 +130,8 @@ class RecordedStates:
     """Navigation states from a table.
 
     The camera's attitude and the errors of its pose are the table's where it tells them, else the attitude is what the
-    mount or the gimbal's reports make of the body's, and its error is assumed.
+    mount or the gimbal's reports make of the body's, and its error is assumed. The ground lies as the table tells, else
+    where its model has it.
     """
 
     table: EstimateTable
@@ -132,15 +153,19 @@ class RecordedStates:
         q_ned_from_body = q_from_euler(*attitude)
         pos = self.frame.ned_from_geodetic(lat_rad, lon_rad, alt_m)
         cov = np.array([[std_n**2, cov_ne, 0.0], [cov_ne, std_e**2, 0.0], [0.0, 0.0, std_d**2]])
-        q_ned_from_camera, pose = self.table.camera_pose_at(t_us) or self._assumed_pose(t_us, q_ned_from_body, cov)
+        told = self.table.camera_pose_at(t_us)
+        q_ned_from_camera, pose = told or self._assumed_pose(t_us, q_ned_from_body, cov)
+        # Its covariances are with the pose of the same line: they go with no other.
+        bias_m, cov_bias = (None if told is None else self.table.ground_bias_at(t_us)) or (0.0, None)
         ground = float(np.atleast_1d(self.ground.alt_amsl_m(pos[0:1], pos[1:2]))[0])
         return NavigationState(
             t_us=t_us, mode=mode, process_model="recorded", lat_rad=lat_rad, lon_rad=lon_rad, alt_amsl_m=alt_m,
-            alt_agl_m=alt_m - ground, pos_ned_m=pos, vel_ned_m_s=np.array([vn, ve, vd]),
+            alt_agl_m=alt_m - ground + bias_m, pos_ned_m=pos, vel_ned_m_s=np.array([vn, ve, vd]),
             q_ned_from_body=q_ned_from_body, q_ned_from_camera=q_ned_from_camera, cov_pos_ned_m2=cov,
             cov_vel_ned_m2_s2=np.full((3, 3), np.nan), cov_attitude_rad2=pose[3:, 3:], cov_camera_pose=pose,
             last_fix_age_s=math.inf,
             lever_ned_m=matrix_from_q(q_ned_from_body) @ np.asarray(self.mount.lever_arm_frd_m, dtype=np.float64),
+            ground_bias_m=bias_m, cov_ground_bias=cov_bias,
         )  # fmt: skip
 
     def assumption_at(self, t_us: int) -> str | None:

@@ -18,6 +18,7 @@ from backend.hub import Hub
 from backend.navigation.setup import NavigationSetup
 from backend.playback.estimate import EstimateTable, RecordedStates
 from backend.playback.recording import FlightRecording
+from backend.refining.later import Hindsight
 from backend.schemas.vehicles import ReplayBody
 from backend.video.errors import VideoError
 from backend.video.frames import EncodedFrame
@@ -53,6 +54,9 @@ class Playback:
         self.estimate_problem: str | None = None
         self._hub = hub
         self._states: RecordedStates | None = None
+        self._hindsight: RecordedStates | None = None
+        self._no_hindsight = False
+        self._hindsight_offset_us = 0
         self._stride = 1 if recording.video is None else recording.video.last_index + 1
         self._t_us = recording.start_us
         self._packets: Iterator[RecordedPacket] | None = None
@@ -103,6 +107,7 @@ class Playback:
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
+        self._no_hindsight = self._hindsight is None
         self.audience.close()
         self.jpeg_audience.close()
 
@@ -114,10 +119,41 @@ class Playback:
         if setup is None:
             self.estimate_problem = "the flight tells no home and has no GPS fix"
             return
-        self._states = RecordedStates(
+        self._states = self._states_of(table, setup)
+        self._refill_tracks()
+
+    def tell_estimate_progress(self, done: float) -> None:
+        """The part done, 0 to 1, of computing the estimate."""
+        self.estimate_progress = done
+
+    def use_hindsight(self, table: EstimateTable | None, found_offset_us: int = 0) -> None:
+        """What the flight's later fixes make of its states; None where that cannot be known.
+
+        ``found_offset_us`` is what was added to frame times when it was made.
+        """
+        setup = self.recording.setup
+        self._hindsight_offset_us = found_offset_us
+        self._no_hindsight = table is None or setup is None
+        self._hindsight = None if table is None or setup is None else self._states_of(table, setup)
+
+    def _states_of(self, table: EstimateTable, setup: NavigationSetup) -> RecordedStates:
+        return RecordedStates(
             table, setup.frame, setup.ground, setup.mount, setup.gimbal, self.recording.gimbal_reports
         )
-        self._refill_tracks()
+
+    def expects_more(self, _: int, /) -> bool:
+        """Whether hindsight is still to come; `LaterFixes`."""
+        return self._hindsight is None and not self._no_hindsight
+
+    def hindsight(self, _: int, __: NavigationSetup, /) -> Hindsight | None:
+        """On all states of the flight at once, by all its fixes; `LaterFixes`."""
+        return None if self._hindsight is None else Hindsight(self._better_at, lambda _: True)
+
+    def _better_at(self, t_us: int) -> NavigationState | None:
+        """None where the replayed estimate is another's, who does not tell how good its attitude is."""
+        if self._hindsight is None or self.assumption_at(t_us) is not None:
+            return None
+        return self._hindsight.at(t_us + self._hindsight_offset_us - self._found_offset_us)
 
     def change(self, paused: bool | None, speed: float | None, seek_unix_us: int | None) -> None:
         """Pause or go on, change the speed, jump; a jump begins a new epoch."""

@@ -19,9 +19,10 @@ from backend.link.events import (
 )
 from backend.link.link import VehicleLink
 from backend.link.tlog import running_forward
-from backend.navigation.setup import FileUsed, MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
+from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from backend.video.recorded import RecordedVideo
 from estimator.types import CameraAttitudeSample, GnssSample, HomeSample
+from geodata.errors import GeodataError
 from geodata.flight import FlightFolder
 
 TELEMETRY_STEP_US = 200_000
@@ -169,7 +170,7 @@ def _frame_times(folder: FlightFolder, video: RecordedVideo) -> tuple[list[int],
 
 
 def _setup(folder: FlightFolder, reader: _Reader) -> NavigationSetup | None:
-    """What turns states into coordinates; the reference picture itself is not needed for that."""
+    """What turns states into coordinates; a map that cannot be read is missed, and said."""
     home = folder.meta.home
     if home is not None:
         here = Place(math.radians(home.lat_deg), math.radians(home.lon_deg), home.alt_amsl_m)
@@ -179,6 +180,12 @@ def _setup(folder: FlightFolder, reader: _Reader) -> NavigationSetup | None:
         here = Place(reader.first_fix.lat_rad, reader.first_fix.lon_rad, reader.first_fix.alt_amsl_m)
     else:
         return None
-    setup = build_setup(profile_of_flight(folder.meta), MapFiles(None, None, folder.elevation_path, None), here)
-    reference = FileUsed.of("reference", folder.reference_path)
-    return setup if reference is None else replace(setup, files=(reference, *setup.files))
+    profile, elevation = profile_of_flight(folder.meta), folder.elevation_path
+    try:
+        return build_setup(profile, MapFiles(None, folder.reference_path, elevation, None), here)
+    except GeodataError as error:
+        if folder.reference_path is None:
+            raise
+        setup = build_setup(profile, MapFiles(None, None, elevation, None), here)
+        folder.warn(f"clicks are not registered to the map: {error}")
+        return setup

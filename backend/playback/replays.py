@@ -7,6 +7,7 @@ import hashlib
 import json
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -18,10 +19,11 @@ from backend.hub import Hub
 from backend.playback.estimate import EstimateTable
 from backend.playback.playback import Playback
 from backend.playback.recording import read_recording
+from backend.replay.hindsight import SMOOTHED_FILE
 from backend.schemas.vehicles import ReplayBody, ReplayChange
 
 MAX_REPLAYS = 4
-ESTIMATE_FILE = "estimate.csv"
+ESTIMATE_FILE, REPORT_FILE = "estimate.csv", "report.json"
 
 _log = structlog.get_logger(__name__)
 
@@ -34,8 +36,11 @@ class Replays:
         self._cache_dir = cache_dir
         self._hub = hub
         self._running: dict[str, Playback] = {}
+        self._entries: dict[str, FlightEntry] = {}
         self._estimating: dict[str, asyncio.Task[None]] = {}
+        self._looking_ahead: dict[str, asyncio.Task[None]] = {}
         self._one_at_a_time = asyncio.Lock()
+        self._one_computation = asyncio.Lock()
 
     async def start(self, flight_id: str, speed: float, start_s: float) -> ReplayBody:
         """Begin to replay a flight, anew if it is being replayed.
@@ -63,6 +68,7 @@ class Replays:
             recording = await asyncio.to_thread(read_recording, entry.path, progress)
             playback = Playback(flight_id, recording, self._hub, speed, start_s)
             self._running[playback.id] = playback
+            self._entries[playback.id] = entry
         self._hub.publish("vehicle", action="created", vehicle=playback.summary())
         self._estimating[playback.id] = asyncio.create_task(self._estimate(playback, entry))
         playback.start()
@@ -77,11 +83,12 @@ class Replays:
     async def end(self, vehicle_id: str) -> None:
         """End a replay."""
         playback = self._get(vehicle_id)
-        del self._running[vehicle_id]
-        task = self._estimating.pop(vehicle_id, None)
-        if task is not None:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+        del self._running[vehicle_id], self._entries[vehicle_id]
+        tasks = [tasks.pop(vehicle_id, None) for tasks in (self._looking_ahead, self._estimating)]
+        for task in tasks:
+            if task is not None:
+                task.cancel()
+                await asyncio.gather(task, return_exceptions=True)
         await playback.close()
         self._hub.publish("vehicle", action="deleted", vehicle=vehicle_id)
 
@@ -106,6 +113,39 @@ class Replays:
         """Where all replays stand."""
         return [playback.body() for playback in self._running.values()]
 
+    def look_ahead(self, vehicle_id: str) -> Playback:
+        """Find out, if that is not begun, what later fixes of the flight make of its states: a target was clicked.
+
+        Returns the replay, which will know.
+        """
+        playback = self._get(vehicle_id)
+        if vehicle_id not in self._looking_ahead:
+            self._looking_ahead[vehicle_id] = asyncio.create_task(self._hindsight(playback, self._entries[vehicle_id]))
+        return playback
+
+    async def _hindsight(self, playback: Playback, entry: FlightEntry) -> None:
+        """Read what a computation of the flight's estimate has left, else compute it; the recorded one stays shown."""
+        table: EstimateTable | None = None
+        offset_us = 0
+        try:
+            estimating = self._estimating.get(playback.id)
+            if estimating is not None:
+                await asyncio.gather(estimating, return_exceptions=True)
+            cached = self._cached(entry)
+            async with self._one_computation:
+                table = await asyncio.to_thread(_read_if_useful, cached / SMOOTHED_FILE)
+                if table is None:
+                    await self._compute(entry, cached, lambda _: None)
+                    table = await asyncio.to_thread(_read_if_useful, cached / SMOOTHED_FILE)
+            offset_us = await asyncio.to_thread(_found_offset_us, cached / REPORT_FILE)
+        except (OSError, ConflictError) as error:
+            _log.warning("clicks on a replay stay as located", flight=entry.id, error=str(error))
+        finally:
+            playback.use_hindsight(table, offset_us)
+
+    def _cached(self, entry: FlightEntry) -> Path:
+        return self._cache_dir / "estimates" / _cache_key(entry)
+
     def _get(self, vehicle_id: str) -> Playback:
         if vehicle_id not in self._running:
             raise UnknownReplayError(vehicle_id)
@@ -117,12 +157,12 @@ class Replays:
             table = await asyncio.to_thread(_read_if_useful, entry.path / ESTIMATE_FILE)
             offset_us = 0
             if table is None:
-                cached = self._cache_dir / "estimates" / _cache_key(entry)
+                cached = self._cached(entry)
                 table = await asyncio.to_thread(_read_if_useful, cached / ESTIMATE_FILE)
                 if table is None:
-                    await self._compute(playback, entry, cached)
+                    await self._compute(entry, cached, playback.tell_estimate_progress)
                     table = await asyncio.to_thread(EstimateTable.read, cached / ESTIMATE_FILE)
-                offset_us = await asyncio.to_thread(_found_offset_us, cached / "report.json")
+                offset_us = await asyncio.to_thread(_found_offset_us, cached / REPORT_FILE)
             playback.use_estimate(table, offset_us)
         except (OSError, ConflictError) as error:
             playback.estimate_progress = None
@@ -130,7 +170,7 @@ class Replays:
             _log.warning("no estimate for replay", flight=entry.id, error=str(error))
         self._hub.publish("vehicle", action="updated", vehicle=playback.summary())
 
-    async def _compute(self, playback: Playback, entry: FlightEntry, target: Path) -> None:
+    async def _compute(self, entry: FlightEntry, target: Path, progress: Callable[[float], None]) -> None:
         # A process of its own: the estimator's arithmetic must not slow the live one in this process.
         partial = target.with_name(target.name + ".partial")
         await asyncio.to_thread(shutil.rmtree, partial, ignore_errors=True)
@@ -140,7 +180,7 @@ class Replays:
             stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
         try:
-            said = await _follow(process, playback)
+            said = await _follow(process, progress)
         finally:
             if process.returncode is None:
                 process.kill()
@@ -151,15 +191,15 @@ class Replays:
         partial.rename(target)
 
 
-async def _follow(process: asyncio.subprocess.Process, playback: Playback) -> str:
-    """Show a computation's progress; returns its last words on failure."""
+async def _follow(process: asyncio.subprocess.Process, progress: Callable[[float], None]) -> str:
+    """Tell a computation's progress, 0 to 1; returns its last words on failure."""
     if process.stdout is None or process.stderr is None:
         return ""
     errors = asyncio.create_task(process.stderr.read())
     try:
         async for line in process.stdout:
             try:
-                playback.estimate_progress = min(max(float(line), 0.0), 1.0)
+                progress(min(max(float(line), 0.0), 1.0))
             except ValueError:
                 continue
         await process.wait()

@@ -10,12 +10,11 @@ import numpy as np
 from backend.evidence.collect import RegisteredPart, Sighting
 from backend.evidence.ground import WatchedGround
 from backend.evidence.registering import Registered, register_picture
+from backend.refining.later import Hindsight
 from backend.targeting import scene_of
 from estimator.errors import GeometryError
-from estimator.measurements.camera_attitude import Gimbal
 from estimator.registration.alignment import NoMatch
 from estimator.sighting import locate_click
-from estimator.smoothing import Smoothed
 from estimator.types import NavigationState
 
 FUSED = "fused"
@@ -36,11 +35,10 @@ def registered(sighting: Sighting, picture: bytes | None) -> Registered:
     return register_picture(picture, sighting.state, scene, corrected=sighting.corrected)
 
 
-def corrected_state(sighting: Sighting, smoothed: Smoothed) -> NavigationState | None:
+def corrected_state(sighting: Sighting, known: Hindsight) -> NavigationState | None:
     """The state at a click's exposure as later fixes have it; None where it has hardly moved, or is not known."""
     old = sighting.state
-    fixed = sighting.setup.gimbal == Gimbal.FIXED
-    new = smoothed.at(old.t_us, sighting.setup.frame, camera_is_fixed=fixed)
+    new = known.at(old.t_us)
     if new is None:
         return None
     moved_m = float(np.linalg.norm(new.pos_ned_m - old.pos_ned_m))

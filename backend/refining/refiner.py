@@ -20,20 +20,15 @@ from backend.evidence.collect import Sighting
 from backend.evidence.keeper import EvidenceKeeper
 from backend.evidence.registering import Registered
 from backend.metrics import Metrics
-from backend.navigation.worker import NavigationWorker
+from backend.refining.later import LaterFixes
 from backend.refining.places import Refined, corrected_state, refine, registered
 from backend.store.targets import Target, TargetStore
-from estimator.navigator_config import NavigatorConfig
 from estimator.registration.placement import Placement
-from estimator.smoothing import smooth
 
 MOST_WAITING = 32
 MOST_LOOKED_BACK_AT = 200
 LOOK_BACK_S = 3.0
 QUIET_US, LONGEST_UNQUIET_US = 2_000_000, 15_000_000
-LEAST_REACH = 0.05
-KEPT_US = 90_000_000  # the estimator keeps its states for two minutes
-BEFORE_US = 200_000
 NICENESS = 10  # of the thread: the estimator and the links go first
 WAITING = "waiting"
 NO_MAP = "no match: there is no map"
@@ -50,14 +45,14 @@ _Found = TypeVar("_Found")
 class LocatedClick:
     """A click as it was located last; ``search`` is None until its picture was registered.
 
-    ``worker`` is the estimator that its state is from, None where no later fix can come.
+    ``later`` is where later fixes of its state come from, None where none can.
     """
 
     sighting: Sighting
     source: str
     picture: bytes | None
     taken_us: int
-    worker: NavigationWorker | None = None
+    later: LaterFixes | None = None
     search: Registered | None = None
 
 
@@ -103,17 +98,15 @@ class Refiner:
             return NO_MAP
         return TOO_MANY if self._waiting.full() else WAITING
 
-    def take(
-        self, sighting: Sighting, source: str, picture: bytes | None, worker: NavigationWorker | None = None
-    ) -> None:
-        """A click was located and kept, of a frame whose JPEG is ``picture``, by a state of ``worker``'s if live."""
-        click = LocatedClick(sighting, source, picture, mono_us(), worker)
+    def take(self, sighting: Sighting, source: str, picture: bytes | None, later: LaterFixes | None = None) -> None:
+        """A click was located and kept, of a frame whose JPEG is ``picture``; ``later`` will know more of its state."""
+        click = LocatedClick(sighting, source, picture, mono_us(), later)
         if sighting.target.registration == WAITING:
             try:
                 self._waiting.put_nowait(click)
             except asyncio.QueueFull:
                 self._in_background(self._kept(click, Refined(None, TOO_MANY)))
-        if worker is not None:
+        if later is not None:
             self._lately.append(click)
             del self._lately[:-MOST_LOOKED_BACK_AT]
 
@@ -150,29 +143,38 @@ class Refiner:
             if mono_us() - newest_us < QUIET_US and mono_us() - looked_us < LONGEST_UNQUIET_US:
                 continue  # somebody is clicking: answers go first
             looked_us = mono_us()
-            self._lately = [click for click in self._lately if mono_us() - click.taken_us < KEPT_US]
-            for worker in {click.worker for click in self._lately if click.worker is not None}:
-                clicks = [click for click in self._lately if click.worker is worker and self._is_settled(click)]
+            # Asked before they are looked at: what comes to be known in between is for the next time.
+            over = [
+                click
+                for click in self._lately
+                if click.later is None or not click.later.expects_more(looked_us - click.taken_us)
+            ]
+            over = [click for click in over if self._is_settled(click)]
+            for later in {click.later for click in self._lately if click.later is not None}:
+                clicks = [click for click in self._lately if click.later == later and self._is_settled(click)]
                 try:
-                    await self._correct(worker, clicks)
+                    await self._correct(later, clicks)
                 except TargetNotKeptError as error:
                     _log.warning("better coordinates not kept", error=str(error))
                 except Exception:
                     _log.exception("clicks not corrected by later fixes")
+            self._lately = [click for click in self._lately if click not in over]
 
     def _is_settled(self, click: LocatedClick) -> bool:
         return click.search is not None or click.sighting.target.registration != WAITING
 
-    async def _correct(self, worker: NavigationWorker, clicks: list[LocatedClick]) -> None:
+    async def _correct(self, later: LaterFixes, clicks: list[LocatedClick]) -> None:
         if not clicks:
             return
-        first_us = min(click.sighting.state.t_us for click in clicks) - BEFORE_US
-        kept = [each for each in worker.corrected() if each.after.t_us >= first_us]
-        smoothed = await self._in_thread(smooth, kept, NavigatorConfig().noise)
+        setup = clicks[0].sighting.setup
+        first_us = min(click.sighting.state.t_us for click in clicks)
+        known = await self._in_thread(later.hindsight, first_us, setup)
+        if known is None:
+            return
         for click in clicks:
-            if smoothed.reach_at(click.sighting.state.t_us) < LEAST_REACH:
+            if known.is_final(click.sighting.state.t_us):
                 self._lately.remove(click)  # nothing that comes will move it any more
-            state = corrected_state(click.sighting, smoothed)
+            state = corrected_state(click.sighting, known)
             if state is None:
                 continue
             if click.search is None or not isinstance(click.search.placed, Placement):

@@ -17,7 +17,7 @@ from backend.fleet.cameras import fitted
 from backend.link.events import SampleEvent
 from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
-from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
+from backend.replay.hindsight import SMOOTHED_FILE, Hindsight, write_states
 from backend.replay.report import write_report
 from backend.replay.targets import ClickPictures, locate_clicks, write_sightings, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
@@ -104,7 +104,8 @@ def replay_flight(
     elapsed_s = time.perf_counter() - started
     report = _report(folder, run, evaluation, elapsed_s)
     out.mkdir(parents=True, exist_ok=True)
-    _write_estimate(out / "estimate.csv", run.states)
+    write_states(out / "estimate.csv", run.states)
+    write_states(out / SMOOTHED_FILE, run.hindsight.states)
     _write_fixes(out / "fixes.csv", run.fixes)
     write_targets(out / "targets.csv", targets)
     write_sightings(out / "sightings.csv", sightings)
@@ -173,6 +174,7 @@ class _Run:
         self.states: list[NavigationState] = []
         self.navigator_states = self.navigator.state_at
         self.fixes: list[FixReport] = []
+        self.hindsight = Hindsight(setup, self.navigator.config.noise)
         self.clicked = ClickPictures(folder.clicks())
         self.frames = 0
         self.frames_untimed = 0
@@ -200,6 +202,7 @@ class _Run:
             t_us = self._next.t_us + STATE_INTERVAL_US
             self._offer_until(t_us)
             self._advance(t_us - STATE_INTERVAL_US)
+        self.hindsight.finish(self.navigator.corrected())
         if progress is not None:
             progress(1.0)
 
@@ -215,6 +218,7 @@ class _Run:
 
     def _advance(self, t_us: int) -> None:
         self.fixes += self.navigator.advance(t_us)
+        self.hindsight.note(t_us, self.navigator.corrected)
         state = self.navigator.state
         if state is None or (self.states and state.t_us - self.states[-1].t_us < STATE_INTERVAL_US):
             return
@@ -388,13 +392,6 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic):
         return value.item()
     raise TypeError(f"{type(value).__name__} does not belong in a report")
-
-
-def _write_estimate(path: Path, states: list[NavigationState]) -> None:
-    path.unlink(missing_ok=True)
-    with CsvAppender(path, ESTIMATE_COLUMNS) as table:
-        for state in states:
-            table.write(*estimate_cells(state))
 
 
 def _write_fixes(path: Path, fixes: list[FixReport]) -> None:

@@ -84,6 +84,24 @@ def test_a_recorded_state_is_as_sure_of_its_camera_as_the_estimator_was(tmp_path
     assert states.assumption_at(T0_US + 50_000) is None
 
 
+def test_a_recorded_state_has_the_ground_where_the_estimator_had_it(tmp_path: Path) -> None:
+    """Without it a ray is cut with the model's ground, metres too high; broken and missing cells are none."""
+    cov = np.array([0.1, 0.2, 1.5, 0.01, 0.02, 0.0, 4.0])
+    first = replace(state(T0_US), ground_bias_m=3.0, cov_ground_bias=cov)
+    second = replace(state(T0_US + 100_000), ground_bias_m=5.0, cov_ground_bias=3.0 * cov)
+    states = recorded(tmp_path / "estimate.csv", [first, second, state(T0_US + 200_000)])
+    at_first, between, none = (states.at(T0_US + after_us) for after_us in (0, 50_000, 200_000))
+
+    assert at_first is not None
+    assert between is not None
+    assert none is not None
+    assert (at_first.ground_bias_m, between.ground_bias_m, none.ground_bias_m) == (3.0, 4.0, 0.0)
+    assert_allclose(at_first.cov_ground_bias, cov, rtol=1e-7)
+    assert_allclose(between.cov_ground_bias, 2.0 * cov, rtol=1e-7)
+    assert none.cov_ground_bias is None
+    assert_allclose((at_first.alt_agl_m, none.alt_agl_m), (103.0, 100.0), atol=0.01)
+
+
 def test_a_table_that_tells_no_attitude_errors_has_them_assumed_in_words(tmp_path: Path) -> None:
     frame = LocalFrame(math.radians(47.0), math.radians(8.0), 400.0)
     nadir = Mount(0.0, -math.pi / 2, 0.0, np.zeros(3))

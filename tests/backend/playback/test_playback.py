@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
+import math
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -225,3 +228,43 @@ async def test_video_that_breaks_off_lets_the_flight_go_on(tmp_path: Path) -> No
 
     assert viewer.frames == []
     assert playback.tracks["vision"].pieces(0)[-1][-1].t_us >= T0_US + round((SECONDS - 0.2) * 1e6)
+
+
+async def test_hindsight_is_of_the_stations_own_estimates_and_comes_once(tmp_path: Path) -> None:
+    """An estimate that does not tell how good its attitude is was made by others: it stays as it is."""
+    write_flight(tmp_path / "f", SECONDS)
+    table = EstimateTable.read(tmp_path / "f" / "estimate.csv")
+    bare = replace(table, cov_camera_pose=table.cov_camera_pose * math.nan)
+    t_us = T0_US + 1_000_000
+    async with played(tmp_path / "f") as playback:
+        setup = playback.setup
+        assert setup is not None
+        assert playback.expects_more(0)
+        assert playback.hindsight(0, setup) is None
+        playback.use_hindsight(table, found_offset_us=500_000)
+        known = playback.hindsight(0, setup)
+        assert not playback.expects_more(0)
+        assert known is not None
+        assert known.is_final(t_us)
+        later = known.at(t_us)
+        playback.use_estimate(bare)
+        others = known.at(t_us)
+        playback.use_hindsight(None)
+        assert not playback.expects_more(0)
+
+    assert later is not None
+    assert later.t_us == t_us + 500_000  # the video's clock as the better estimate found it
+    assert others is None
+
+
+async def test_a_flight_whose_map_is_broken_is_replayed_without_it(tmp_path: Path) -> None:
+    write_flight(tmp_path / "f", SECONDS)
+    meta = json.loads((tmp_path / "f" / "flight.json").read_text())
+    meta["map"]["reference"] = "reference.tif"
+    (tmp_path / "f" / "flight.json").write_text(json.dumps(meta))
+    (tmp_path / "f" / "reference.tif").write_bytes(b"no picture")
+    recording = read_recording(tmp_path / "f", lambda _: None)
+
+    assert recording.setup is not None
+    assert recording.setup.reference is None
+    assert any("clicks are not registered" in warning for warning in recording.folder.warnings)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from backend.recorder.estimate import CAMERA_COLUMNS, ESTIMATE_COLUMNS, camera_pose, estimate_cells
+from backend.recorder.estimate import CAMERA_COLUMNS, ESTIMATE_COLUMNS, camera_pose, estimate_cells, ground_bias
 from estimator.geometry.rotation import q_from_euler
 from tests.backend.flight_maker import T0_US, state
 
@@ -41,3 +41,11 @@ def test_the_cameras_pose_survives_the_table() -> None:
 )  # fmt: skip
 def test_a_pose_that_makes_no_sense_is_none(q: str | None, cov: str | None) -> None:
     assert camera_pose(q, cov) is None
+
+
+@pytest.mark.parametrize(
+    ("bias", "cov"),
+    [(None, None), ("", ""), ("1", None), ("x", "1 " * 7), ("1", "1 " * 6), ("nan", "1 " * 7), ("1", "1 " * 6 + "-1")],
+)
+def test_a_ground_that_makes_no_sense_is_none(bias: str | None, cov: str | None) -> None:
+    assert ground_bias(bias, cov) is None

@@ -20,6 +20,7 @@ from backend.metrics import Metrics
 from backend.navigation.setup import NavigationSetup
 from backend.navigation.worker import NavigationWorker
 from backend.refining import refiner
+from backend.refining.later import LiveFixes
 from backend.refining.refiner import CUT_OFF, NO_MAP, WAITING, Refiner
 from backend.schemas.geometry import NewTarget
 from backend.store.database import Database
@@ -88,7 +89,7 @@ class Bench:
         await self.evidence.keep_again(sighting, "cam-1", None)
         await self.store.add(target)
         await self.evidence.confirm(target.id)
-        self.refiner.take(sighting, "cam-1", None, self.worker)
+        self.refiner.take(sighting, "cam-1", None, LiveFixes(self.worker))
         return sighting
 
     async def looked_back(self) -> None:

@@ -44,7 +44,7 @@ def test_a_known_flight_comes_back(tmp_path: Path) -> None:
     assert told == sorted(told)
     assert told[-1] == 1.0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "estimate.csv", "fixes.csv", "sightings.csv", "targets.csv", "report.json", "report.html",
+        "estimate.csv", "smoothed.csv", "fixes.csv", "sightings.csv", "targets.csv", "report.json", "report.html",
     }  # fmt: skip
     written = json.loads((tmp_path / "out" / "report.json").read_text())
     assert written["errors"]["rows"] == result.evaluation.rows
