@@ -18,9 +18,10 @@ from backend.event_loop import call_from_thread
 from backend.evidence.collect import Sighting
 from backend.fleet.cameras import LiveCamera
 from backend.fleet.tracks import TrackPoint, TrackRing
-from backend.fleet.vehicle import LiveVehicle, VehicleView
+from backend.fleet.vehicle import VehicleView
 from backend.following.follower import Follower, Look
 from backend.following.messages import row_of, sighting_fields, update_of
+from backend.following.sources import FollowSource, source_of
 from backend.following.worker import STEP_US, FollowWorker
 from backend.hub import Hub
 from backend.metrics import Metrics
@@ -46,8 +47,7 @@ _log = structlog.get_logger(__name__)
 class _Followed:
     """One target: its newest ``look``, None until there is one; when it was heard of and kept, by a steady clock."""
 
-    vehicle: LiveVehicle
-    camera: LiveCamera
+    source: FollowSource
     look: Look | None = None
     heard_us: int = 0
     kept_us: int = 0
@@ -106,7 +106,7 @@ class Following:
         Raises
         ------
         CannotFollowTargetError
-            There is no click, its picture does not show what could be followed, or its video is not live.
+            There is no click, its picture does not show what could be followed, or there is no video.
         FrameGoneError
             The picture is no longer held.
         ConflictError
@@ -117,8 +117,9 @@ class Following:
             return
         if click is None:
             raise CannotFollowTargetError("it is typed in, and nothing shows how it looks: click it in the video")
-        vehicle, camera = self._live(click.target.vehicle_id or "")
-        names = [name for name, one in self._followed.items() if one.vehicle is vehicle]
+        source = self._source(click.target.vehicle_id or "")
+        vehicle = source.vehicle
+        names = [name for name, one in self._followed.items() if one.source.vehicle is vehicle]
         names += [name for name, vehicle_id in self._starting.items() if vehicle_id == vehicle.id]
         if len(names) >= MOST_FOLLOWED:
             raise ConflictError(
@@ -127,9 +128,9 @@ class Following:
             )
         self._starting[target_id] = vehicle.id
         try:
-            picture = await camera.picture(click.frame.frame_id)
+            picture = await source.picture(click.frame.frame_id)
             follower = await asyncio.to_thread(Follower.start, target_id, click, picture)
-            yield lambda: self._begin(follower, vehicle, camera)
+            yield lambda: self._begin(follower, source)
         finally:
             del self._starting[target_id]
 
@@ -146,10 +147,10 @@ class Following:
             return target
         if target.frame_id is None or target.u_px is None or target.v_px is None or target.method == "manual":
             raise CannotFollowTargetError("it was typed in or moved by hand: click it in the video")
-        vehicle, camera = self._live(target.vehicle_id or "")
-        frame = camera.identify(target.frame_id)
-        if abs(vehicle.exposure_us(frame) - (target.t_unix_us or 0)) > SAME_FRAME_US:
-            raise FrameGoneError(camera.source, frame.frame_id)
+        source = self._source(target.vehicle_id or "")
+        vehicle, frame = source.vehicle, source.identify(target.frame_id)
+        if abs(source.exposure_us(frame) - (target.t_unix_us or 0)) > SAME_FRAME_US:
+            raise FrameGoneError(vehicle.video_source or "", frame.frame_id)
         ground: GroundKind = "flat" if target.ground == "flat" else "terrain"
         body = NewTarget(
             vehicle_id=vehicle.id, frame_id=target.frame_id, u_px=target.u_px, v_px=target.v_px,
@@ -162,26 +163,28 @@ class Following:
         self._changed(target)
         return target
 
-    def _live(self, vehicle_id: str) -> tuple[LiveVehicle, LiveCamera]:
-        """A vehicle and the camera that it carries; CannotFollowTargetError for a replay, whose video is not live."""
-        vehicle, camera = self._vehicle_of(vehicle_id), self._camera()
-        if not isinstance(vehicle, LiveVehicle) or camera is None or camera.vehicle_id != vehicle_id:
-            raise CannotFollowTargetError("only what live video shows is followed, not a replay's")
-        return vehicle, camera
+    def _source(self, vehicle_id: str) -> FollowSource:
+        return source_of(self._vehicle_of(vehicle_id), self._camera())
 
-    def _begin(self, follower: Follower, vehicle: LiveVehicle, camera: LiveCamera) -> None:
-        self._followed[follower.target_id] = _Followed(vehicle, camera, heard_us=mono_us(), kept_us=mono_us())
+    @staticmethod
+    def _worker_name(source: FollowSource, target_id: str) -> str:
+        """Live targets share a thread and its pictures; on a replay each has one and goes through the flight alone."""
+        return source.vehicle.id if source.is_live else target_id
+
+    def _begin(self, follower: Follower, source: FollowSource) -> None:
+        self._followed[follower.target_id] = _Followed(source, heard_us=mono_us(), kept_us=mono_us())
         self._tracks[follower.target_id] = TrackRing()
-        worker = self._workers.get(vehicle.id)
+        name = self._worker_name(source, follower.target_id)
+        worker = self._workers.get(name)
         if worker is None:
             loop = asyncio.get_running_loop()
             worker = FollowWorker(
-                vehicle, partial(call_from_thread, loop, self._take), partial(call_from_thread, loop, self._ended)
+                source, partial(call_from_thread, loop, self._take), partial(call_from_thread, loop, self._ended)
             )
-            self._workers[vehicle.id] = worker
+            self._workers[name] = worker
             worker.start()
-            camera.watcher = worker
-        worker.add(follower, camera.pictures_after(follower.frame.frame_id, STEP_US))
+            source.watch(worker)
+        worker.add(follower, source.pictures_after(follower.frame.frame_id, STEP_US))
 
     async def stop(self, target_id: str, reason: str | None) -> Target | None:
         """Follow a target no longer, and keep where it was seen last; None where it is not followed."""
@@ -209,9 +212,13 @@ class Following:
         one = self._followed.pop(target_id, None)
         if one is None:
             return None
-        worker = self._workers.get(one.vehicle.id)
+        name = self._worker_name(one.source, target_id)
+        worker = self._workers.get(name)
         if worker is not None:
             worker.remove(target_id)
+            if not one.source.is_live:
+                del self._workers[name]
+                worker.close(0.0)
         return one
 
     def _take(self, look: Look) -> None:
@@ -223,8 +230,9 @@ class Following:
             motion = look.motion
             self._tracks[look.target_id].add(TrackPoint(motion.t_us, 1, look.lat_deg, look.lon_deg, look.alt_amsl_m))
         target = self._targets().get(look.target_id)
-        self._hub.publish("sighting", vehicle_id=one.vehicle.id, **sighting_fields(look))
-        self._recorder.followed(row_of(look, target.name))
+        self._hub.publish("sighting", vehicle_id=one.source.vehicle.id, **sighting_fields(look))
+        if one.source.is_live:
+            self._recorder.followed(row_of(look, target.name))
         told = (SEEN if look.reason is None else LOST, look.reason, look.motion.t_us)
         # while it is lost there is nothing new to keep
         due = told != one.told and (told[0] != one.told[0] or mono_us() - one.kept_us >= KEEP_EVERY_US)
@@ -263,11 +271,14 @@ class Following:
     async def _watch(self) -> None:
         while True:
             await asyncio.sleep(WATCH_S)
-            for vehicle_id, worker in self._workers.items():
+            for worker in self._workers.values():
+                vehicle_id = worker.vehicle_id
                 self._metrics.following_dropped.labels(vehicle_id).set(worker.counts.dropped)
                 while worker.counts.look_ms:
                     self._metrics.following.labels(vehicle_id).observe(worker.counts.look_ms.popleft() / 1e3)
             for target_id, one in list(self._followed.items()):
+                if one.source.is_waiting:
+                    one.heard_us = mono_us()
                 reason = self._end_of(one)
                 if reason is not None:
                     await self._stop_by_itself(target_id, reason)
@@ -276,8 +287,8 @@ class Following:
 
     @staticmethod
     def _end_of(one: _Followed) -> str | None:
-        if not one.vehicle.connected:
-            return "the link to the vehicle was lost"
+        if one.source.over is not None:
+            return one.source.over
         look = one.look
         if look is not None and look.t_us - look.last_seen_us > GIVE_UP_US:
             return f"not seen for {GIVE_UP_US // 60_000_000} minutes"

@@ -1,7 +1,8 @@
 """One thread that looks for the followed targets of one vehicle in its pictures.
 
-It stands behind the estimator and the video: pictures come into a short queue from which the oldest are dropped, it
-works at most half of the time, and asks for states as a click does.
+It stands behind the estimator and the video: live pictures come into a short queue from which the oldest are dropped,
+it works at most half of the time, and asks for states as a click does. Of a replay no picture is left out: they are
+read from the recording as far as they are shown.
 """
 
 from __future__ import annotations
@@ -10,21 +11,19 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError
 from dataclasses import dataclass, field
 
 import structlog
 
-from backend.clock import mono_us, unix_us
+from backend.clock import mono_us
 from backend.fleet.cameras import ColourPicture
-from backend.fleet.vehicle import LiveVehicle
 from backend.following.follower import Follower, Look
-from estimator.types import NavigationState
+from backend.following.sources import FollowSource
 
 STEP_US = 180_000  # five a second of 25 or 30: what the tracker was measured at
 MOST_WAITING = 8
-STATE_TIMEOUT_S = 1.0
 IDLE_S = 0.05
+FLIGHT_ENDED = "the video of the flight ends"
 
 _log = structlog.get_logger(__name__)
 
@@ -49,19 +48,22 @@ class FollowWorker:
     """Runs followers. ``on_look`` and ``on_end`` (target id, reason) are called in its thread."""
 
     def __init__(
-        self, vehicle: LiveVehicle, on_look: Callable[[Look], None], on_end: Callable[[tuple[str, str]], None],
-        now_us: Callable[[], int] = unix_us,
-    ) -> None:  # fmt: skip
+        self, source: FollowSource, on_look: Callable[[Look], None], on_end: Callable[[tuple[str, str]], None]
+    ) -> None:
         self.counts = FollowCounts()
-        self._vehicle = vehicle
+        self._source = source
         self._on_look, self._on_end = on_look, on_end
-        self._now_us = now_us
         self._followed: dict[str, _Followed] = {}
         self._waiting: deque[ColourPicture] = deque()
         self._newest_us = 0
         self._changed = threading.Condition()
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name=f"following-{vehicle.id}", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"following-{source.vehicle.id}", daemon=True)
+
+    @property
+    def vehicle_id(self) -> str:
+        """Whose targets it looks for."""
+        return self._source.vehicle.id
 
     def start(self) -> None:
         """Begin."""
@@ -127,30 +129,32 @@ class FollowWorker:
                 self._changed.wait_for(lambda: self._closing, (mono_us() - began_us) / 1e6)
 
     def _is_due(self, picture: ColourPicture) -> bool:
-        """Whether the estimator has passed the exposure: before that a state would be a guess."""
-        worker = self._vehicle.worker
-        delay_us = 0 if worker is None else worker.delay_us
-        return self._now_us() - self._vehicle.exposure_us(picture.frame) >= delay_us
+        return self._source.is_due(picture.frame)
 
     def _has_next(self, one: _Followed) -> bool:
-        return one.catching_up is not None or (one.pending is not None and self._is_due(one.pending))
+        return one.catching_up is not None if one.pending is None else self._is_due(one.pending)
 
     def _catch_up(self, one: _Followed, pictures: Iterator[ColourPicture]) -> None:
         """Look at the next picture after the click; with the first that is not due the live ones are next."""
-        picture = next(pictures, None)
+        picture = next(pictures, None) if one.pending is None else one.pending
+        one.pending = None
         if picture is not None and self._is_due(picture):
             self._look(one, picture)
-            return
-        one.catching_up, one.pending = None, picture
+        elif self._source.is_live:
+            one.catching_up, one.pending = None, picture
+        elif picture is None:
+            self._end(one.follower, FLIGHT_ENDED)
+        else:
+            one.pending = picture
 
     def _look(self, one: _Followed, picture: ColourPicture) -> None:
         follower = one.follower
         try:
-            if self._vehicle.setup is not follower.setup:
+            if self._source.setup is not follower.setup:
                 self._end(follower, "the estimator was set up anew")
                 return
-            t_us = self._vehicle.exposure_us(picture.frame)
-            state = self._state_at(t_us)
+            t_us = self._source.exposure_us(picture.frame)
+            state = self._source.state_at(t_us)
             began_s = time.thread_time()
             look = follower.look(picture, t_us, state)
             self.counts.look_ms.append((time.thread_time() - began_s) * 1e3)
@@ -161,15 +165,6 @@ class FollowWorker:
             return
         if look is not None:
             self._on_look(look)
-
-    def _state_at(self, t_us: int) -> NavigationState | None:
-        worker = self._vehicle.worker
-        if worker is None:
-            return None
-        try:
-            return worker.state_at(t_us).result(STATE_TIMEOUT_S)
-        except (TimeoutError, CancelledError):
-            return None
 
     def _end(self, follower: Follower, reason: str) -> None:
         self.remove(follower.target_id)

@@ -50,6 +50,7 @@ class Playback:
         self.epoch = 1
         self.speed = speed
         self.paused = False
+        self.closed = False
         self.estimate_progress: float | None = 0.0
         self.estimate_problem: str | None = None
         self._hub = hub
@@ -93,6 +94,11 @@ class Playback:
         return self.recording.setup
 
     @property
+    def t_us(self) -> int:
+        """The time of the flight that is shown."""
+        return self._t_us
+
+    @property
     def ended(self) -> bool:
         """Whether the end of the flight is reached."""
         return self._t_us >= self.recording.end_us
@@ -103,11 +109,11 @@ class Playback:
 
     async def close(self) -> None:
         """Stop playing."""
+        self.closed = True
         tasks = [task for task in (self._task, self._jpeg_busy) if task is not None]
         for task in tasks:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
-        self._no_hindsight = self._hindsight is None
         self.audience.close()
         self.jpeg_audience.close()
 
@@ -143,7 +149,7 @@ class Playback:
 
     def expects_more(self, _: int, /) -> bool:
         """Whether hindsight is still to come; `LaterFixes`."""
-        return self._hindsight is None and not self._no_hindsight
+        return not self.closed and self._hindsight is None and not self._no_hindsight
 
     def hindsight(self, _: int, __: NavigationSetup, /) -> Hindsight | None:
         """On all states of the flight at once, by all its fixes; `LaterFixes`."""
@@ -192,7 +198,12 @@ class Playback:
 
     async def state_at(self, t_us: int) -> NavigationState | None:
         """The recorded or computed state at a time."""
-        return None if self._states is None else self._states.at(t_us)
+        return self.recorded_state_at(t_us)
+
+    def recorded_state_at(self, t_us: int) -> NavigationState | None:
+        """The same, in any thread."""
+        states = self._states
+        return None if states is None else states.at(t_us)
 
     def exposure_us(self, frame: FrameIdentity) -> int:
         """When a frame was exposed: a known offset is in the recording's times, one found with the estimate is not."""
@@ -212,7 +223,7 @@ class Playback:
         NoStateForFrameError
             The flight does not say when it was taken.
         """
-        video, index = self._video_and_index(frame_id)
+        video, index = self.video_and_index(frame_id)
         t_us = self.recording.frame_time_us(index)
         if t_us is None:
             raise NoStateForFrameError(self.id, frame_id, "the flight does not say when it was taken")
@@ -221,13 +232,18 @@ class Playback:
 
     async def jpeg(self, frame_id: int) -> bytes:
         """A frame of the flight as JPEG; FrameGoneError for others."""
-        video, index = self._video_and_index(frame_id)
+        video, index = self.video_and_index(frame_id)
         try:
             return await asyncio.to_thread(video.jpeg, index)
         except VideoError:
             raise FrameGoneError(self.source, frame_id) from None
 
-    def _video_and_index(self, frame_id: int) -> tuple[RecordedVideo, int]:
+    def frame_id_of(self, index: int, epoch: int) -> int:
+        """The id under which a picture of the flight is shown in an epoch."""
+        return epoch * self._stride + index
+
+    def video_and_index(self, frame_id: int) -> tuple[RecordedVideo, int]:
+        """The picture of the flight that an id names; FrameGoneError for those of other flights."""
         video = self.recording.video
         epoch, index = divmod(frame_id, self._stride)
         if video is None or not 1 <= epoch <= self.epoch or not video.first_index <= index <= video.last_index:
@@ -354,7 +370,7 @@ class Playback:
         if video is not None and size_px != (video.width_px, video.height_px):
             self._other_sizes[packet.index] = size_px
         frame = EncodedFrame(
-            self.epoch * self._stride + packet.index, self.epoch, t_us, unix_us(), packet.codec, packet.codec_string,
+            self.frame_id_of(packet.index, self.epoch), self.epoch, t_us, unix_us(), packet.codec, packet.codec_string,
             packet.key, packet.width_px, packet.height_px, packet.payload,
         )  # fmt: skip
         self.audience.show(frame)
