@@ -18,6 +18,7 @@ from backend.fleet.feed import FrameIdentity
 from backend.fleet.vehicle import VehicleView
 from backend.footprints import ellipse_in_frame, footprint_of
 from backend.pointing import HIGHEST_HEIGHT_M, LOWEST_HEIGHT_M, GroundKind, Pointing
+from backend.recorder.alignments import OPERATOR, AlignmentRow
 from backend.schemas.geometry import ellipse_of
 from backend.schemas.locating import AlignmentAccepted, AlignmentBody, FootprintBody, LocateBody, LocatedPixel
 from backend.station import Station
@@ -75,6 +76,11 @@ async def align(vehicle_id: str, body: AlignmentBody, station: TheStation) -> Al
     _, frame = _frame(station, vehicle_id, body.frame_id)
     sample = await alignment_of(vehicle, frame, Shift(body.north_m, body.east_m, body.std_m), unix_us())
     vehicle.offer(sample)
+    if vehicle.setup is not None:
+        dragged = (body.north_m, body.east_m, body.std_m)
+        station.recorder.alignment(
+            AlignmentRow.of(sample, frame.t_us, vehicle.system_id, vehicle.setup.frame, dragged, body.by or OPERATOR)
+        )
     std_n_m, std_e_m = (math.sqrt(float(sample.cov_ne_m2[axis, axis])) for axis in range(2))
     _log.info(
         "operator's alignment", vehicle=vehicle_id, frame=frame.frame_id, north_m=body.north_m, east_m=body.east_m,

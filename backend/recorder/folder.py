@@ -7,6 +7,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from backend.recorder.alignments import ALIGNMENT_COLUMNS, ALIGNMENTS_FILE, AlignmentRow
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
 from backend.recorder.followed import FOLLOWED_COLUMNS, FollowedRow
 from backend.video.frames import EncodedFrame
@@ -88,6 +89,7 @@ class FlightWriter:
         self._estimate = CsvAppender(folder / "estimate.csv", ESTIMATE_COLUMNS)
         self._clicks = CsvAppender(folder / "clicks.csv", (*CLICK_COLUMNS, *POINTING_COLUMNS))
         self._followed: CsvAppender | None = None
+        self._alignments: CsvAppender | None = None
 
     @property
     def bytes_written(self) -> int:
@@ -147,6 +149,12 @@ class FlightWriter:
             self._followed = CsvAppender(self.folder / "followed.csv", FOLLOWED_COLUMNS)
         self._followed.write(*row.cells())
 
+    def alignment(self, row: AlignmentRow) -> None:
+        """Append a line of ``alignments.csv``, which a flight that nobody aligned does not have."""
+        if self._alignments is None:
+            self._alignments = CsvAppender(self.folder / ALIGNMENTS_FILE, ALIGNMENT_COLUMNS)
+        self._alignments.write(*row.cells())
+
     def gps_denied(self, t_unix_us: int, denied: bool) -> None:
         """Note from when to when GPS was kept from the estimator."""
         if denied and self._denied_since_us is None:
@@ -172,10 +180,7 @@ class FlightWriter:
             self._estimate.close,
             self._clicks.close,
         ]
-        if self._followed is not None:
-            closing.append(self._followed.close)
-        if self._frames is not None:
-            closing.append(self._frames.close)
+        closing += [table.close for table in (self._followed, self._alignments, self._frames) if table is not None]
         if self._video is not None:
             closing.append(self._video.close)
         for close in closing:

@@ -18,6 +18,7 @@ import structlog
 
 from backend.clock import mono_us, unix_us
 from backend.errors import ConflictError
+from backend.recorder.alignments import AlignmentRow
 from backend.recorder.folder import ClickRow, FlightWriter, RecordingPlan
 from backend.recorder.followed import FollowedRow
 from backend.video.frames import EncodedFrame
@@ -47,7 +48,7 @@ class _End:
     pass
 
 
-_Record = _Packet | EncodedFrame | NavigationState | ClickRow | FollowedRow | _Denied | _End
+_Record = _Packet | EncodedFrame | NavigationState | ClickRow | FollowedRow | AlignmentRow | _Denied | _End
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +139,10 @@ class Recorder:
         """Record what a picture showed of a followed target."""
         self._put(row, 200)
 
+    def alignment(self, row: AlignmentRow) -> None:
+        """Record how an operator laid a picture on the map."""
+        self._put(row, 200)
+
     def gps_denied(self, denied: bool) -> None:
         """Record that GPS is kept from the estimator from now on, or no longer."""
         self._put(_Denied(unix_us(), denied), 20)
@@ -219,6 +224,8 @@ class _Session:
                 self._writer.click(record)
             case FollowedRow():
                 self._writer.followed(record)
+            case AlignmentRow():
+                self._writer.alignment(record)
             case _Denied(t_unix_us, denied):
                 self._writer.gps_denied(t_unix_us, denied)
             case _:

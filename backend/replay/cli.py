@@ -44,6 +44,10 @@ Calibrated = Annotated[
     Path | None, typer.Option("--calibration", help="A file of pilotage fit-likelihood: its channel and its numbers.")
 ]
 
+Unaligned = Annotated[
+    bool, typer.Option("--without-alignments", help="As if no operator had laid a picture on the map.")
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
@@ -61,6 +65,7 @@ def replay(
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
     calibration: Calibrated = None,
+    without_alignments: Unaligned = False,
     live: Annotated[
         bool, typer.Option("--live", help="Instead: send telemetry and video to a running station, in real time.")
     ] = False,
@@ -80,7 +85,7 @@ def replay(
     """
     console = Console(stderr=True)
     if live:
-        if out is not None or leave_out or time_offset_s is not None or calibration is not None:
+        if out is not None or leave_out or time_offset_s is not None or calibration is not None or without_alignments:
             raise typer.BadParameter("--live goes with --mavlink, --video, --start-s and --station only")
         with _reported_errors(console):
             _play_live(flight, mavlink, video, start_s, station, console)
@@ -88,7 +93,7 @@ def replay(
     if out is None:
         raise typer.BadParameter("say where the results go with --out DIR, or give --live")
     with _reported_errors(console):
-        result = _replayed(flight, out, _options(leave_out, time_offset_s, calibration), console)
+        result = _replayed(flight, out, _options(leave_out, time_offset_s, calibration, without_alignments), console)
         timing = result.report["timing"]
         typer.echo(
             f"{result.report['flight']}: {timing['flight_s']:.0f} s in {timing['elapsed_s']:.1f} s "
@@ -103,6 +108,7 @@ def evaluate(
     leave_out: LeaveOut = None,
     time_offset_s: Offset = None,
     calibration: Calibrated = None,
+    without_alignments: Unaligned = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print the whole result as JSON.")] = False,
 ) -> None:
     """Replay flights and print the errors against their truth.
@@ -113,7 +119,7 @@ def evaluate(
     results: list[tuple[str, ReplayResult]] = []
     with _reported_errors(console), tempfile.TemporaryDirectory() as scratch:
         for number, flight in enumerate(flights):
-            options = _options(leave_out, time_offset_s, calibration)
+            options = _options(leave_out, time_offset_s, calibration, without_alignments)
             result = _replayed(flight, Path(scratch) / str(number), options, console)
             if result.evaluation is None:
                 raise StationError(f"{flight}: no truth.csv that overlaps the flight; nothing to evaluate against")
@@ -178,10 +184,12 @@ def _udp_target(option: str, text: str, schemes: tuple[str, ...]) -> tuple[str, 
         raise StationError(f"{option}: {error}") from None
 
 
-def _options(leave_out: list[str] | None, time_offset_s: float | None, calibration: Path | None) -> ReplayOptions:
+def _options(
+    leave_out: list[str] | None, time_offset_s: float | None, calibration: Path | None, without_alignments: bool
+) -> ReplayOptions:
     ids = frozenset(_known_id(name) for name in leave_out or [])
     config = NavigatorConfig() if calibration is None else NavigatorConfig(matcher=_matcher(calibration))
-    return ReplayOptions(leave_out=ids, time_offset_s=time_offset_s, config=config)
+    return ReplayOptions(leave_out=ids, time_offset_s=time_offset_s, config=config, alignments=not without_alignments)
 
 
 def _matcher(path: Path) -> MatcherConfig:

@@ -17,6 +17,7 @@ from backend.fleet.cameras import fitted
 from backend.link.events import SampleEvent
 from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
+from backend.recorder.alignments import AlignmentFeed
 from backend.replay.hindsight import SMOOTHED_FILE, Hindsight, write_states
 from backend.replay.report import write_report
 from backend.replay.targets import ClickPictures, locate_clicks, write_sightings, write_targets
@@ -57,13 +58,15 @@ class Alteration(Protocol):
 class ReplayOptions:
     """``leave_out`` names MAVLink messages that are taken out of the log; ``time_offset_s`` overrides the folder's.
 
-    The offset is searched where neither says it, or where ``config`` asks for that.
+    The offset is searched where neither says it, or where ``config`` asks for that. ``alignments`` are the operator's,
+    which are measurements: without them it is as if nobody had helped.
     """
 
     leave_out: frozenset[int] = frozenset()
     time_offset_s: float | None = None
     config: NavigatorConfig = field(default_factory=NavigatorConfig)
     alteration: Alteration | None = None
+    alignments: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -182,6 +185,7 @@ class _Run:
         self.decode_s = 0.0
         self._setup = setup
         self._alter = options.alteration.sample if options.alteration is not None else _unaltered
+        self._alignments = AlignmentFeed(folder, setup.frame, self._exposure_us) if options.alignments else None
         self._samples = _samples(folder, options.leave_out)
         self._next: Sample | None = next(self._samples, None)
 
@@ -210,6 +214,11 @@ class _Run:
         while self._next is not None and self._next.t_us <= t_us:
             self._offer(self._next)
             self._next = next(self._samples, None)
+        for told in [] if self._alignments is None else self._alignments.until(t_us):
+            self._offer(told)
+
+    def _exposure_us(self, t_video_us: int) -> int:
+        return self.navigator.exposure_us(t_video_us + self.time_offset_us)
 
     def _offer(self, sample: Sample) -> None:
         altered = self._alter(sample)

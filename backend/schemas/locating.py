@@ -74,7 +74,10 @@ class FootprintBody(BaseModel):
 
 
 class AlignmentBody(BaseModel):
-    """How far a frame had to be dragged from where the estimate has it to where it lies, and how well that was seen."""
+    """How far a frame had to be dragged from where the estimate has it to where it lies, and how well that was seen.
+
+    ``by`` is who says so, for the recording.
+    """
 
     model_config = ConfigDict(extra="forbid")
 
@@ -82,6 +85,7 @@ class AlignmentBody(BaseModel):
     north_m: float = Field(allow_inf_nan=False)
     east_m: float = Field(allow_inf_nan=False)
     std_m: float = Field(default=3.0, ge=0.3, le=100.0, allow_inf_nan=False)
+    by: str | None = Field(default=None, min_length=1, max_length=60, pattern=r"^[^\x00-\x1f\x7f]*$")
 
 
 class AlignmentAccepted(BaseModel):

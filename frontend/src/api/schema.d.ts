@@ -647,6 +647,8 @@ export interface components {
         /**
          * AlignmentBody
          * @description How far a frame had to be dragged from where the estimate has it to where it lies, and how well that was seen.
+         *
+         *     ``by`` is who says so, for the recording.
          */
         AlignmentBody: {
             /** Frame Id */
@@ -660,6 +662,8 @@ export interface components {
              * @default 3
              */
             std_m: number;
+            /** By */
+            by?: string | null;
         };
         /** Body_import_map_api_v1_maps_post */
         Body_import_map_api_v1_maps_post: {

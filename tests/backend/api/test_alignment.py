@@ -1,5 +1,6 @@
 """What an operator tells by pointing: alignments to the estimator, points to cameras, and what is refused of it."""
 
+import asyncio
 import math
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,10 @@ from backend.alignment import Shift, alignment_of, tilt_covariance
 from backend.clicks import FrameView
 from backend.errors import AlignmentRefusedError
 from backend.fleet.feed import FrameIdentity
+from backend.recorder.alignments import read_alignments
+from backend.replay.offline import replay_flight
 from estimator.types import NavigationState
+from geodata.flight import FlightFolder
 from tests.backend.aircraft import flying, frame_header
 from tests.backend.evidence.flown import STRIDE, VEHICLE, hilly_station
 from tests.backend.station_runner import next_of
@@ -84,12 +88,13 @@ async def test_a_replay_cannot_be_changed_and_numbers_have_bounds(tmp_path: Path
 
 async def test_the_estimator_follows_and_everybody_hears_of_the_fix(tmp_path: Path) -> None:
     async with flying(tmp_path) as (running, _, stream):
+        await running.client.post("/api/v1/recording", json={"active": True})
         answer, before = None, None
         for _ in range(40):  # until the estimator covers a picture that the ring holds
             async with running.video("cam-1") as pictures:
                 frame = await frame_header(pictures)
             before = await next_of(stream, "state")
-            body = {"frame_id": frame["frame_id"], "north_m": 40.0, "east_m": 0.0, "std_m": 1.0}
+            body = {"frame_id": frame["frame_id"], "north_m": 40.0, "east_m": 0.0, "std_m": 1.0, "by": "left seat"}
             answer = await running.client.post("/api/v1/vehicles/1/alignment", json=body)
             if answer.status_code == 202:
                 break
@@ -97,12 +102,23 @@ async def test_the_estimator_follows_and_everybody_hears_of_the_fix(tmp_path: Pa
         assert answer.status_code == 202, answer.text
         while (fix := await next_of(stream, "fix"))["kind"] != "operator":
             pass
+        ended = await running.client.post("/api/v1/recording", json={"active": False})
+        assert ended.status_code == 200, ended.text
+        (folder,) = (running.station.settings.data_dir / "flights").iterdir()
+        (row,) = read_alignments(FlightFolder.open(folder))
+    result = await asyncio.to_thread(replay_flight, FlightFolder.open(folder), tmp_path / "again")
 
     assert fix["accepted"], fix
     assert fix["frame_id"] == frame["frame_id"]
     assert answer.json()["std_n_m"] >= 1.0
     assert before is not None
     assert fix["lat_deg"] == pytest.approx(before["lat_deg"] + 40.0 / 111_200.0, abs=15.0 / 111_200.0)
+    assert (row.north_m, row.east_m, row.std_m, row.by, row.system_id) == (40.0, 0.0, 1.0, "left seat", 1)
+    assert row.t_frame_us == frame["t_unix_us"]
+    assert row.std_ne_m == pytest.approx((answer.json()["std_n_m"], answer.json()["std_e_m"]), abs=1e-3)
+    # a replay computed anew hears of it, at its time
+    (again,) = [each for each in result.fixes if each.kind == "operator"]
+    assert (again.t_us, again.accepted) == (row.t_us, True)
 
 
 async def test_a_vehicle_whose_camera_does_not_track_refuses_a_point(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from geodata.flight_tables import Click
 from tests.backend.flight_maker import T0_US
 from tests.backend.replay.flown import EARTH_M, SPEED_M_S, write_known_flight
 
-FILES = {"estimate.csv", "fixes.csv", "sightings.csv", "targets.csv", "report.json", "report.html"}
+FILES = {"estimate.csv", "smoothed.csv", "fixes.csv", "sightings.csv", "targets.csv", "report.json", "report.html"}
 
 
 def test_replay_writes_its_results_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
