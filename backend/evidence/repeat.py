@@ -30,6 +30,8 @@ from geodata.maps import MapLibrary
 TOLERANCE_M = 0.01
 COV_TOLERANCE = 0.01
 PROBABILITY_TOLERANCE = 0.01
+# Pictures are brought to the camera's size: a bundle must not ask for gigabytes.
+MOST_PICTURE_PIXELS = 100_000_000
 ITS_PIECE = "the piece of it in the bundle"
 
 
@@ -80,6 +82,8 @@ def repeat(bundle: Bundle, verdict: Verdict, given: list[FileMatch], name: str) 
             raise _CannotError(bundle.evidence.picture.problem or "the picture is in the .zip")
         settings = _settings(part)
         camera, frame = camera_and_frame(bundle.evidence, name)
+        if camera.width_px * camera.height_px > MOST_PICTURE_PIXELS:
+            raise _CannotError(f"a camera of {camera.width_px} x {camera.height_px} pixels is larger than any in use")
         reference, on = _reference(bundle, part, given, frame, name)
         scene = Scene(
             camera, _ground(bundle, part, given, frame, name), frame, reference, bundle.evidence.ground.std_m,

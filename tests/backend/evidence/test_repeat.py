@@ -142,6 +142,23 @@ def test_another_map_is_no_map_to_repeat_it_on(station: Path) -> None:
     assert said["files"] == [{"file": str(other), "is": None}]
 
 
+def test_a_picture_of_gigabytes_is_not_made(tmp_path: Path, read: Bundle) -> None:
+    def enlarge(content: dict[str, Any]) -> None:
+        camera, click = content["camera"], content["click"]
+        for size, at, focal, centre in (
+            ("width_px", "u_px", "fx_px", "cx_px"), ("height_px", "v_px", "fy_px", "cy_px"),
+        ):  # fmt: skip
+            camera[size] *= 1_000
+            camera[focal] *= 1_000.0
+            camera[centre] = (camera[centre] + 0.5) * 1_000 - 0.5
+            click[f"camera_{at}"] = (click[at] + 0.5) * 1_000 - 0.5
+
+    _, said = verified(tmp_path, changed(read, enlarge))
+
+    assert said["registration"]["outcome"] == "not repeated"
+    assert "larger than any in use" in said["registration"]["reason"]
+
+
 @pytest.mark.parametrize("moved_m", [0.02, 3.0])
 def test_a_placement_that_the_picture_does_not_give_is_found_though_its_arithmetic_is_right(
     tmp_path: Path, read: Bundle, moved_m: float
