@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -156,7 +156,8 @@ class _Run:
         wrong = False
         if found is not None:
             wrong = self._judge_pixel(found, pose, place, yaw, true_uv)
-            state = self.motion.update(self._place(t_s, believed, found.uv_px, found.cov_px2))
+            place_seen = self._place(t_s, believed, found.uv_px, found.cov_px2)
+            state = self.motion.update(replace(place_seen, vel_ne_m_s=found.vel_ne_m_s, vel_std_m_s=found.vel_std_m_s))
         self._judge_returns(t_s, true_uv, found, wrong)
         self._judge_motion(t_s, state, place, yaw, speed, found is not None)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -118,17 +118,20 @@ class Follower:
             found = cut(state, self.setup, uv, self._pointing, ground_for(self.setup, self._pointing, state)).found
         except GeometryError as error:
             return self._unseen(picture, t_us, str(error))
-        self._take(state, found, std_px)
+        self._take(state, found, std_px, answer)
         return self._seen(picture, t_us, answer, view)
 
-    def _take(self, state: NavigationState, found: RayTarget, std_px: float) -> None:
+    def _take(self, state: NavigationState, found: RayTarget, std_px: float, answer: Sighting | None = None) -> None:
         jitter_px = self.setup.camera.fx_px * WHITE_ATTITUDE_STD_RAD
         own = found.cov_pixel_m2[:2, :2] * (std_px**2 + jitter_px**2) / CLICK_STD_PX**2
         own = own + WHITE_POSITION_STD_M**2 * np.eye(2)
         slow = (found.cov_ned_m2 - found.cov_pixel_m2)[:2, :2]
         down_std_m = math.sqrt(max(float(found.cov_ned_m2[2, 2]), 0.0))
         self._t_us = state.t_us
-        self.motion.update(PlaceSighting(state.t_us, found.pos_ned_m, own, slow, down_std_m))
+        place = PlaceSighting(state.t_us, found.pos_ned_m, own, slow, down_std_m)
+        if answer is not None:
+            place = replace(place, vel_ne_m_s=answer.vel_ne_m_s, vel_std_m_s=answer.vel_std_m_s)
+        self.motion.update(place)
 
     def _seen(self, picture: ColourPicture, t_us: int, answer: Sighting, view: ExpectedView) -> Look:
         extent_px = self._tracker.config.size_m * math.sqrt(abs(float(np.linalg.det(view.px_per_m))))

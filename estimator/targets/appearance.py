@@ -22,6 +22,8 @@ Float32 = NDArray[np.float32]
 GROUND_FROM_GRID: Float = np.array([[0.0, -1.0], [1.0, 0.0]])
 """North and east of a step right and down on the grid."""
 RIM_PX, RING_PX = 2, 6
+RIMLESS = 0.1
+"""What a correlation without the rim is worth less: more looks like it."""
 FAR_PX = 1500.0
 _BINS = (16, 32, 32)
 _STD_LAB = np.array([13.0, 4.5, 4.5])
@@ -212,11 +214,17 @@ class Appearance:
     def _contrast(self, likeness: Float32) -> float:
         return float(likeness[self._inside > 0].mean() - likeness[self._ring > 0].mean())
 
-    def fit(self, image: Image, likeness: Float32, template: TurnedTemplate) -> tuple[Float32, Float32]:
-        """Correlation and colour contrast (rows - 2 h, cols - 2 h) of a piece of the grid, 1 for the click itself."""
-        correlation = cv2.matchTemplate(image, template.image, cv2.TM_CCOEFF_NORMED, mask=template.mask)
-        correlation = np.where(np.isfinite(correlation), np.clip(correlation, -1.0, 1.0), -1.0).astype(np.float32)
-        return np.asarray(correlation, np.float32), self.contrast(likeness, template)
+    def fit(
+        self, image: Image, likeness: Float32, template: TurnedTemplate, driven: bool = False
+    ) -> tuple[Float32, Float32]:
+        """Correlation and colour contrast (rows - 2 h, cols - 2 h) of a piece of the grid, 1 for the click itself.
+
+        Of what may have ``driven`` onto darker or lighter ground the silhouette is compared alone as well.
+        """
+        correlation = _correlation(image, template.image, template.mask)
+        if driven:
+            correlation = np.maximum(correlation, _correlation(image, template.image, template.inside) - RIMLESS)
+        return correlation, self.contrast(likeness, template)
 
     @staticmethod
     def correlation(grey: Float32, template: TurnedTemplate) -> Float32:
@@ -255,6 +263,11 @@ class Appearance:
         outer = cv2.boxFilter(likeness, -1, (2 * self.half_px + 1, 2 * self.half_px + 1))
         score = np.asarray(inner - 0.7 * outer, np.float32)
         return peaks(score, most, max(2, round(0.3 * self.size_px)))
+
+
+def _correlation(image: Image, template: Image, mask: NDArray[np.uint8]) -> Float32:
+    out = cv2.matchTemplate(image, template, cv2.TM_CCOEFF_NORMED, mask=mask)
+    return np.where(np.isfinite(out), np.clip(out, -1.0, 1.0), -1.0).astype(np.float32)
 
 
 def _axis(weight: Float32) -> tuple[float, float]:

@@ -189,14 +189,24 @@ class Pursuit:
 
     def right_way_round(self, chain: Chain, course_0: float) -> Candidate:
         """The last of a chain's candidates, with front and back as it moves."""
-        one = chain.candidates[-1]
-        if not np.isfinite(course_0):
+        one, turn = chain.candidates[-1], self._turn_as_it_goes(chain, course_0)
+        if not np.isfinite(turn):
             return one
-        right, down = chain.velocity_m_s() - self.ground_m_s
-        turn = math.atan2(right, -down) - course_0
         if abs(math.remainder(turn - one.match.turn_rad, 2.0 * math.pi)) < 0.5 * math.pi:
             return one
         return replace(one, match=replace(one.match, turn_rad=one.match.turn_rad + math.pi))
+
+    def _turn_as_it_goes(self, chain: Chain, course_0: float) -> float:
+        """By how much a candidate must have turned since the click, by its course; NaN where that of then is not
+        known."""
+        right, down = chain.velocity_m_s() - self.ground_m_s
+        return math.atan2(right, -down) - course_0
+
+    def drives_as_expected(self, chain: Chain, going: Going) -> bool:
+        """Whether a candidate has come so far, and so much as the target was going, that it is a car at least."""
+        off = float(np.hypot(*(chain.velocity_m_s() - self.ground_m_s - going.vel_m_s)))
+        far = float(np.hypot(*chain.path_m[-1])) >= self.config.long_way_m
+        return far and off < going.std_m_s + self.config.speed_std_m_s
 
     def _ground_velocity(self) -> Float:
         """How fast (2,) what stands seems to move, from the candidates that hardly do: the pose's error changes, and
@@ -218,10 +228,10 @@ class Pursuit:
             return False
         if chain.unevenness_m() > min(c.uneven_m, c.uneven_share * way_m) or chain.turn_step_rad() > c.turn_step_rad:
             return False
-        if not np.isfinite(course_0):
+        turn = self._turn_as_it_goes(chain, course_0)
+        if not np.isfinite(turn):
             return True
         # a car goes where it looks: its turn since the click is that of its course; front and back look much alike
-        turn = math.atan2(right, -down) - course_0
         off = [abs(math.remainder(turn - one.match.turn_rad, math.pi)) for one in chain.candidates]
         return float(np.median(off)) < c.course_off_rad
 

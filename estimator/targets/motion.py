@@ -28,7 +28,8 @@ class PlaceSighting:
     """One place ``pos_ned_m`` (3,) of a target, ``down_std_m`` of its height.
 
     ``own_ne_m2`` (2, 2) is the covariance of the error that is this sighting's alone (the pixel's), ``slow_ne_m2``
-    (2, 2) of the one that it shares with its neighbours in time (the pose's).
+    (2, 2) of the one that it shares with its neighbours in time (the pose's). Where it was watched for a moment before,
+    ``vel_ne_m_s`` (2,) is how fast it went, ``vel_std_m_s`` the standard deviation of that on each axis.
     """
 
     t_us: int
@@ -36,6 +37,8 @@ class PlaceSighting:
     own_ne_m2: Float
     slow_ne_m2: Float
     down_std_m: float = 0.0
+    vel_ne_m_s: Float | None = None
+    vel_std_m_s: float = 1.0
 
     def __post_init__(self) -> None:
         if self.pos_ned_m.shape != (3,) or self.own_ne_m2.shape != (2, 2) or self.slow_ne_m2.shape != (2, 2):
@@ -46,6 +49,11 @@ class PlaceSighting:
             raise ValueError(message)
         if np.linalg.eigvalsh(self.own_ne_m2)[0] <= 0.0 or np.linalg.eigvalsh(self.slow_ne_m2)[0] < -1e-9:
             message = "a sighting's own covariance must be positive, the shared one not negative"
+            raise ValueError(message)
+        if self.vel_ne_m_s is not None and not (
+            self.vel_ne_m_s.shape == (2,) and np.isfinite(self.vel_ne_m_s).all() and 0.0 < self.vel_std_m_s < np.inf
+        ):
+            message = "a sighting's velocity must be (2,) and finite, its standard deviation positive"
             raise ValueError(message)
 
 
@@ -156,6 +164,8 @@ class TargetMotion:
             self._slow = sighting.slow_ne_m2
             self._x, self._P, self._chances = self._predicted((sighting.t_us - self._t_us) / 1e6)
             self._correct(sighting)
+        if sighting.vel_ne_m_s is not None:
+            self._set_going(sighting.vel_ne_m_s, sighting.vel_std_m_s)
         self._t_us = sighting.t_us
         self._down = (float(sighting.pos_ned_m[2]), sighting.down_std_m)
         self._decide()
@@ -255,6 +265,14 @@ class TargetMotion:
             likelihood[model] = (1.0 + mahalanobis / nu) ** (-(nu + 2.0) / 2.0) / math.sqrt(float(np.linalg.det(S)))
         chances = np.maximum(self._chances * likelihood, 1e-6 * likelihood.max())
         self._chances = chances / chances.sum()
+
+    def _set_going(self, vel_ne_m_s: Float, std_m_s: float) -> None:
+        """Correct the models that move by a velocity; which of the models it is, places tell."""
+        for model in (CRUISING, MANOEUVRING):
+            spread = self._P[model, _V, _V] + std_m_s**2 * np.eye(2)
+            gain = self._P[model][:, _V] @ np.linalg.inv(spread)
+            self._x[model] = self._x[model] + gain @ (vel_ne_m_s - self._x[model, _V])
+            self._P[model] = self._P[model] - gain @ spread @ gain.T
 
     def _decide(self) -> None:
         moving = 1.0 - float(self._chances[STANDING])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -90,6 +90,7 @@ class SearchArea:
     """Offsets within ``reach_px`` of ``centre_px`` (2,), turns and scales to be tried.
 
     ``whole`` asks that the picture shows all of the target: what sticks to its border moves over ground as a car does.
+    ``driven`` says that the ground about it may be other than when it was clicked.
     """
 
     centre_px: Float
@@ -97,6 +98,7 @@ class SearchArea:
     turns_rad: tuple[float, ...]
     scales: tuple[float, ...] = (1.0,)
     whole: bool = False
+    driven: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,17 +130,21 @@ class Searcher:
         self._scans = 0
         self._step = 2 if self._small is not appearance else 1
 
-    def find(self, look: Look, area: SearchArea, places: Sequence[Place] = (), skip: Sequence[Float] = ()) -> Found:
+    def find(
+        self, look: Look, area: SearchArea, places: Sequence[Place] = (), skip: Sequence[Float] = (),
+        moved: Sequence[Float] = (),
+    ) -> Found:  # fmt: skip
         """The best places, apart from each other, best first.
 
         ``places`` are looked at first; neither about them nor about the offsets in ``skip`` anything else is sought.
+        ``moved`` are offsets (2,) at which something has come or gone: looked at as well, whatever their colour.
         """
         matches: list[Match] = []
         in_vain: list[Float] = []
         known: list[Float] = []
         for place in places:
             turns = _about(place.turn_rad, TURN_STEP_RAD)
-            here = self._near(look, SearchArea(place.offset_px, place.reach_px, turns, area.scales, area.whole))
+            here = self._near(look, replace(area, centre_px=place.offset_px, reach_px=place.reach_px, turns_rad=turns))
             if here:
                 best = max(here, key=lambda match: match.score)
                 matches.append(best)
@@ -146,7 +152,11 @@ class Searcher:
         if area.reach_px <= NEAR_PX and len(area.turns_rad) <= 3:
             matches += self._near(look, area)
         else:
-            for offset, turn in self._promising(look, area, [*known, *skip]):
+            come = [
+                self._likeliest(look, area, at) for at in moved if _away(at, known) > APART * self.appearance.size_px
+            ]
+            known += [offset for offset, _ in come]
+            for offset, turn in [*come, *self._promising(look, area, [*known, *skip])]:
                 here = self._close(look, area, offset, turn)
                 matches += here
                 if max((match.score for match in here), default=-1.0) < self.useful_score:
@@ -155,7 +165,19 @@ class Searcher:
         for one in sorted(matches, key=lambda match: -match.score):
             if _away(one.offset_px, [other.offset_px for other in out]) > APART * self.appearance.size_px:
                 out.append(one)
-        return Found(out[: self.most + len(places)], in_vain)
+        return Found(out[: self.most + len(places) + len(moved)], in_vain)
+
+    def _likeliest(self, look: Look, area: SearchArea, about_px: Float) -> tuple[Float, float]:
+        """Offset (2,) and turn that fit best near a place, at half the resolution."""
+        a, step = self._small, self._step
+        half = a.half_px + math.ceil(0.35 * a.size_px)
+        middle = np.round(about_px / step).astype(np.intp)
+        grid = grid_from_picture(look.picture, coarser(look.picture_from_grid, step), (middle - half, middle + half))
+        likeness = np.asarray(a.colour.likeness(grid.image, look.gain) * grid.known, np.float32)
+        score, which = _best(a, grid.image, likeness, replace(area, scales=area.scales[:1]))
+        row, col = np.unravel_index(int(score.argmax()), score.shape)
+        offset = step * (grid.low_px + a.half_px + np.array([col, row]))
+        return offset.astype(np.float64), area.turns_rad[int(which[row, col])]
 
     def _close(self, look: Look, area: SearchArea, offset: Float, turn: float) -> list[Match]:
         """At full resolution: colour does not tell front from back, nor small turns apart."""
@@ -168,7 +190,7 @@ class Searcher:
             ways.sort(key=lambda t: abs(math.remainder(t - middle, 2 * math.pi)))
             first: list[Match] = []
             for way in ways:
-                seen = self._near(look, SearchArea(offset, CLOSE_PX, (way,), area.scales, area.whole))
+                seen = self._near(look, replace(area, centre_px=offset, reach_px=CLOSE_PX, turns_rad=(way,)))
                 top = max((match.score for match in first), default=-1.0)
                 if max((match.score for match in seen), default=-1.0) > top + (FLIP_MARGIN if first else 0.0):
                     first = seen
@@ -178,14 +200,14 @@ class Searcher:
             if best.score < 1.2 * self.least_score:
                 return first
             offset, turns = best.offset_px, _about(best.turn_rad, 0.5 * WIDE_STEP_RAD)
-            return self._near(look, SearchArea(offset, 2, turns, area.scales, area.whole))
-        return self._near(look, SearchArea(offset, CLOSE_PX, turns, area.scales, area.whole))
+            return self._near(look, replace(area, centre_px=offset, reach_px=2, turns_rad=turns))
+        return self._near(look, replace(area, centre_px=offset, reach_px=CLOSE_PX))
 
     def _box(
         self, look: Look, area: SearchArea, step: int, half_px: int
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
         """The part of the grid, at ``step``, within reach and in the picture, with room for the template."""
-        low, high = picture_box(look.picture, _coarser(look.picture_from_grid, step))
+        low, high = picture_box(look.picture, coarser(look.picture_from_grid, step))
         low = np.maximum(np.round(area.centre_px / step) - math.ceil(area.reach_px / step), np.floor(low))
         high = np.minimum(np.round(area.centre_px / step) + math.ceil(area.reach_px / step), np.ceil(high))
         if (high < low).any():
@@ -199,7 +221,7 @@ class Searcher:
             return []
         grid = grid_from_picture(look.picture, look.picture_from_grid, box)
         likeness = a.colour.likeness(grid.image, look.gain) * grid.known
-        score, which = _best(a, grid.image, likeness, area.turns_rad, area.scales)
+        score, which = _best(a, grid.image, likeness, area)
         out = []
         for row, col in peaks(score, self.most, max(3, round(0.3 * a.size_px))):
             turn, scale = divmod(int(which[row, col]), len(area.scales))
@@ -220,7 +242,7 @@ class Searcher:
         inner = round(INNER_SIZES * self.appearance.size_px)
         if area.reach_px < 1.5 * inner:
             return self._coarse(look, area, skip, SCAN_EVERY, self.most)
-        within = SearchArea(area.centre_px, inner, area.turns_rad, area.scales, area.whole)
+        within = replace(area, reach_px=inner)
         first = self._coarse(look, within, skip, 1, self.most // 2)
         taken = [*skip, *(offset for offset, _ in first)]
         return first + self._coarse(look, area, taken, SCAN_EVERY, self.most // 2)
@@ -234,7 +256,7 @@ class Searcher:
         if box is None:
             return []
         softened = np.asarray(cv2.GaussianBlur(look.picture, (0, 0), 0.8), np.uint8) if step > 1 else look.picture
-        grid = grid_from_picture(softened, _coarser(look.picture_from_grid, step), box)
+        grid = grid_from_picture(softened, coarser(look.picture_from_grid, step), box)
         likeness = np.asarray(a.colour.likeness(grid.image, look.gain) * grid.known, np.float32)
         found: list[tuple[float, Float, float]] = []
         apart = APART * self.appearance.size_px
@@ -351,7 +373,8 @@ def _through(homography: Float, uv_px: Float) -> Float:
     return out
 
 
-def _coarser(homography: Float, step: int) -> Float:
+def coarser(homography: Float, step: int) -> Float:
+    """The homography (3, 3) from a grid of ``step`` times the step."""
     out: Float = homography @ np.diag([float(step), float(step), 1.0])
     return out
 
@@ -366,14 +389,14 @@ def _about(turn_rad: float, step_rad: float) -> tuple[float, ...]:
 
 
 def _best(
-    appearance: Appearance, piece: Image, likeness: Float32, turns: tuple[float, ...], scales: tuple[float, ...]
+    appearance: Appearance, piece: Image, likeness: Float32, area: SearchArea
 ) -> tuple[Float32, NDArray[np.intp]]:
     """The best score at each place and which turn and scale has it."""
     share = np.float32(0.25 + 0.35 * appearance.distinct)
     layers = []
-    for turn in turns:
-        for scale in scales:
-            correlation, contrast = appearance.fit(piece, likeness, appearance.turned(turn, scale))
+    for turn in area.turns_rad:
+        for scale in area.scales:
+            correlation, contrast = appearance.fit(piece, likeness, appearance.turned(turn, scale), area.driven)
             layers.append((1 - share) * correlation + share * contrast)
     stack = np.stack(layers)
     which = np.asarray(stack.argmax(axis=0))

@@ -10,13 +10,14 @@ anything else about, and, of a target that stood, have the same surroundings.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.targets.anchor import Before, anchored_place, found_there
 from estimator.targets.appearance import RING_PX, Appearance, GridView, grid_from_picture, picture_box, square_about
 from estimator.targets.candidates import Candidate, Chain, Going, Pursuit
+from estimator.targets.moved import Earlier
 from estimator.targets.search import (
     APART,
     TURN_STEP_RAD,
@@ -48,6 +49,8 @@ class Sighting:
 
     ``confidence`` in [0, 1] is how probably it is the target, ``score`` in [-1, 1] how well it fits, ``turn_rad`` how
     far it has turned clockwise since the click, ``found_again`` whether it had been lost before.
+    Of one that drives and was lost, ``vel_ne_m_s`` (2,) is how fast it went over ground while it was verified, with
+    ``vel_std_m_s`` on each axis.
     """
 
     t_us: int
@@ -57,6 +60,8 @@ class Sighting:
     score: float
     turn_rad: float
     found_again: bool
+    vel_ne_m_s: Float | None = None
+    vel_std_m_s: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +99,7 @@ class TargetTracker:
         self._pursuit = Pursuit(config)
         self._lost = False
         self._before: Before | None = None
+        self._earlier = Earlier()
 
     @classmethod
     def start(
@@ -190,8 +196,9 @@ class TargetTracker:
         low, high = picture_box(picture, look.picture_from_grid)
         if (np.maximum(low - centre, centre - high) > reach).any():
             return Lost(t_us, OUTSIDE, self.last_seen_us)
-        scales = (1.0,) if expected is not None or self._lost else (0.95, 1.0, 1.05)
-        area = SearchArea(centre, reach, self._turns(view, t_us), tuple(self._scale * s for s in scales), self._lost)
+        steps = (1.0,) if expected is not None or self._lost else (0.95, 1.0, 1.05)
+        scales = tuple(self._scale * step for step in steps)
+        area = SearchArea(centre, reach, self._turns(view, t_us), scales, self._lost, view.moving is True)
         going = self._going(view, t_us)
         if not self._lost:
             matches = self._anchored(look, view, t_us)
@@ -202,7 +209,12 @@ class TargetTracker:
         if view.moving is False:
             anchor = self._anchor(look, np.zeros(2), min(reach, self.config.anchor_px))
             places = [] if anchor is None else [Place(anchor, self.config.anchored_px, self._turn)]
-        seen = self._search.find(look, area, places, skip)
+        moved: list[Float] = []
+        if going.moving:
+            size, most = self.appearance.size_px, self.config.moved
+            moved = self._earlier.moved(look, t_us, going.vel_m_s / self._m, reach, size, most)
+            self._earlier.add(t_us, look)
+        seen = self._search.find(look, area, places, skip, moved)
         self._pursuit.refute([offset * self._m for offset in seen.in_vain], t_us)
         found = self._weighed(look, view, seen.matches, centre, cov)
         self._pursuit.extend(found, going, look, self._surroundings.half_px, t_us)
@@ -288,8 +300,18 @@ class TargetTracker:
             if view.moving is False and self._lost:
                 surroundings = surroundings_fit(look, match.offset_px, self._surroundings)
                 evidence += surroundings / self.config.score_std
+            elif view.moving is True and self._lost:
+                evidence -= 0.5 * self._colour_sigmas(match, look) ** 2
             out.append(Candidate(match, evidence, surroundings, match.offset_px * self._m))
         return sorted(out, key=lambda one: -one.evidence)
+
+    def _colour_sigmas(self, match: Match, look: Look) -> float:
+        """How far the colour at a place lies from the target's, over the standard deviations of that in other light."""
+        here = surroundings_of(look, match.offset_px, self.appearance.half_px)
+        colour = self.appearance.mean_colour(here.image, self.appearance.turned(match.turn_rad, match.scale).inside)
+        lighter = colour[0] / max(self._gain * self.appearance.mean_lab[0], 1.0)
+        hue = float(np.hypot(*(colour[1:] - self.appearance.mean_lab[1:])))
+        return math.hypot(hue / self.config.hue_std, math.log(max(lighter, 1e-3)) / self.config.lighter_std)
 
     def _keep(
         self, found: list[Candidate], going: Going, view: ExpectedView, look: Look, t_us: int
@@ -327,16 +349,26 @@ class TargetTracker:
             return Lost(t_us, NOT_SEEN if not found or going.moving else UNSURE, self.last_seen_us)
         apart_m = APART * self.appearance.size_px * self._m
         place_m = best.candidates[-1].offset_m
-        others = [w for w, chain in rivals if float(np.hypot(*(chain.candidates[-1].offset_m - place_m))) > apart_m]
+        others = [
+            weight
+            for weight, chain in rivals
+            if float(np.hypot(*(chain.candidates[-1].offset_m - place_m))) > apart_m
+            and not (going.moving and len(chain.candidates) < self.config.find_pictures)  # any two places are a way
+        ]
         lead = evidence - max(others) if others else math.inf
         doubt = self._doubt(best, lead, going, look)
         if doubt is not None:
             return Lost(t_us, doubt, self.last_seen_us)
         one = self._pursuit.right_way_round(best, self._course_0) if going.moving else best.candidates[-1]
+        right, down = best.velocity_m_s() - self._pursuit.ground_m_s
         self._lost = False
+        self._earlier.clear()
         self._usual = min(self._usual, best.score)
         self._pursuit.clear()
-        return self._seen(one, _confidence(best.score, lead, self.config), view, look, t_us, True)
+        seen = self._seen(one, _confidence(best.score, lead, self.config), view, look, t_us, True)
+        if not going.moving:
+            return seen
+        return replace(seen, vel_ne_m_s=np.array([-down, right]), vel_std_m_s=self.config.speed_std_m_s)
 
     def _doubt(self, best: Chain, lead: float, going: Going, look: Look) -> str | None:
         """What speaks against the best candidate being the target; None where nothing does."""
@@ -345,8 +377,10 @@ class TargetTracker:
         if len(best.candidates) < pictures or best.span_s < span_s:
             return UNSURE
         if going.moving:
-            least = max(c.find_moving_score, self._usual - c.worse_moving)
-            unlike = self._pursuit.weight(best, going) < c.least_weight or best.candidates[-1].match.score < least
+            least, weight = max(c.find_moving_score, self._usual - c.worse_moving), c.least_weight
+            if self._pursuit.drives_as_expected(best, going):
+                least, weight = c.long_way_score, c.long_way_weight
+            unlike = self._pursuit.weight(best, going) < weight or best.candidates[-1].match.score < least
         else:
             # NaN where they were not asked
             surroundings = float(np.mean([one.surroundings for one in best.candidates]))

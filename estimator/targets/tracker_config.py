@@ -35,6 +35,8 @@ class TrackerConfig:
     uneven_share, turn_step_rad, least_weight
         How uneven its motion may be at most, of its way; how far it may seem to turn from picture to picture; and what
         must speak for it at least, natural log units: the farther from where it should be, the less is believed.
+    long_way_m, long_way_score, long_way_weight
+        From what way on one that goes much as the target went need but fit so well, with so much that speaks for it.
     likelier
         By how much better its surroundings must correlate with the ground that it left than with what goes along.
     long_away_s, about_sigmas, any_speed_m_s
@@ -56,8 +58,12 @@ class TrackerConfig:
         How many candidates are looked for where they should be next, how many of them of those that stand, and how far
         about it; how fast one that was seen once may be; and for how long a place that showed nothing is not looked at
         again.
-    lost_after_s, least_std_px, candidates
-        When it is lost; the least standard deviation of a place on the grid; how many places are looked at closely.
+    lost_after_s, least_std_px, candidates, moved
+        When it is lost; the least standard deviation of a place on the grid; how many places are looked at closely, and
+        how many more, of one that drives, at which something has come or gone.
+    hue_std, lighter_std
+        How far the colour of one that drives may lie from that at the click, standard deviations: a* and b* of CIE
+        L*a*b* in OpenCV's 8-bit units, and the natural logarithm of the lightness over what the light explains.
     """
 
     size_m: float = 5.0
@@ -75,7 +81,7 @@ class TrackerConfig:
     find_moving_s: float = 0.75
     least_way_m: float = 2.5
     long_away_s: float = 4.0
-    about_sigmas: float = 1.5
+    about_sigmas: float = 2.0
     any_speed_m_s: float = 5.0
     pursued: int = 10
     standing: int = 3
@@ -93,6 +99,9 @@ class TrackerConfig:
     uneven_share: float = 0.08
     turn_step_rad: float = 0.45
     least_weight: float = 7.0
+    long_way_m: float = 15.0
+    long_way_score: float = 0.38
+    long_way_weight: float = 5.2
     course_off_rad: float = 0.55
     worse: float = 0.13
     margin: float = 3.0
@@ -107,6 +116,9 @@ class TrackerConfig:
     lost_after_s: float = 0.7
     least_std_px: float = 0.35
     candidates: int = 6
+    moved: int = 3
+    hue_std: float = 5.0
+    lighter_std: float = 0.35
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -66,6 +66,9 @@ def test_a_car_that_braked_or_turned_about_while_away_is_found_again_among_parke
             break
     assert len(found) == 1
     assert found[0].found_again
+    vel = speed_m_s * np.array([np.cos(yaw_rad), np.sin(yaw_rad)])
+    assert found[0].vel_ne_m_s is not None
+    assert np.hypot(*(found[0].vel_ne_m_s - vel)) < 2.0 * found[0].vel_std_m_s
 
 
 def test_a_parked_twin_that_seems_to_creep_as_the_pose_drifts_is_not_taken_for_a_driving_car() -> None:

@@ -1,5 +1,7 @@
 """Standing or moving, where and how fast: against truth, over seeds, with errors that last."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -141,6 +143,25 @@ def test_a_false_sighting_is_held_down() -> None:
     assert np.hypot(*state.pos_ned_m[:2]) < 1.5
 
 
+def test_a_car_that_turned_about_unseen_goes_as_it_was_watched_to_go() -> None:
+    path, _ = _driving(40, 0.2)
+    sightings = _sightings(path, 0.2, np.random.default_rng(8), 0.3)
+    blind, told = TargetMotion(), TargetMotion()
+    for one in sightings:
+        last = blind.update(one)
+        told.update(one)
+    back = -0.5 * last.seen_vel_ne_m_s
+    there = replace(sightings[-1], t_us=last.t_us + 12_000_000, pos_ned_m=last.pos_ned_m + np.array([8.0, 3.0, 0.0]))
+    before = blind.update(there)
+    after = told.update(replace(there, vel_ne_m_s=back, vel_std_m_s=0.7))
+    assert np.hypot(*(after.vel_ne_m_s - back)) < 1.0 < np.hypot(*(before.vel_ne_m_s - back))
+    assert after.moving is True
+    covariance = after.cov_ne
+    assert np.linalg.eigvalsh(covariance)[0] > 0.0
+    assert np.linalg.det(covariance) < np.linalg.det(before.cov_ne)
+    np.testing.assert_allclose(after.pos_ned_m, before.pos_ned_m, atol=0.5)
+
+
 @pytest.mark.parametrize("forget_s", [np.inf, 60.0, 5.0])
 def test_noise_of_damped_motion_is_the_integral(forget_s: float) -> None:
     dt_s, psd, rate = 1.7, 4.0, 0.0 if np.isinf(forget_s) else 1.0 / forget_s
@@ -172,6 +193,10 @@ def test_bad_input_is_refused_and_loses_nothing() -> None:
         PlaceSighting(0, np.array([np.nan, 0.0, 0.0]), np.eye(2), np.eye(2))
     with pytest.raises(ValueError, match="positive"):
         PlaceSighting(0, np.zeros(3), np.zeros((2, 2)), np.eye(2))
+    with pytest.raises(ValueError, match="velocity"):
+        replace(first, vel_ne_m_s=np.array([1.0, np.inf]))
+    with pytest.raises(ValueError, match="velocity"):
+        replace(first, vel_ne_m_s=np.zeros(2), vel_std_m_s=0.0)
     with pytest.raises(ValueError, match="say_standing"):
         MotionConfig(say_standing=0.99)
     with pytest.raises(ValueError, match="positive"):
