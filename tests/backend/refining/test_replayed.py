@@ -38,7 +38,7 @@ async def replay(running: RunningStation) -> int:
     assert started.status_code == 201, started.text
     paused = await running.client.patch(f"/api/v1/replays/{VEHICLE}", json={"paused": True})
     assert paused.status_code == 200, paused.text
-    for _ in range(round(10 * PATIENCE_S)):
+    for _ in range(round(20 * PATIENCE_S)):  # the flight is estimated by a process that yields to all others
         (body,) = (await running.client.get("/api/v1/replays")).json()
         if body["progress"] is None:
             return round(SECONDS) + 1
@@ -58,7 +58,7 @@ async def clicked(running: RunningStation, stride: int) -> list[dict[str, Any]]:
 
 async def became(running: RunningStation, target_id: str, wanted: Any) -> dict[str, Any]:
     properties: dict[str, Any] = {}
-    for _ in range(round(10 * PATIENCE_S)):
+    for _ in range(round(20 * PATIENCE_S)):  # the flight is estimated by a process that yields to all others
         properties = (await running.client.get(f"/api/v1/targets/{target_id}")).json()["properties"]
         if wanted(properties):
             return properties
