@@ -29,8 +29,8 @@ class Doubt(StrEnum):
     """What the estimator has noticed of its inputs that an operator should know.
 
     ``no_texture``: pictures show too little to navigate by. ``map_mismatch``: those of different places together do not
-    fit the map. ``map_offset``: map and satellites disagree by a steady distance. ``barometer_drift``: pressure keeps
-    saying another climb than the pictures.
+    fit the map. ``map_offset``: map and satellites disagree by a steady distance. ``barometer_drift``: the
+    barometer's zero moves faster than weather.
     """
 
     NO_TEXTURE = "no_texture"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True, slots=True)
 class SteadyConfig:
     """Innovations are averaged over ``time_s``; a mean beyond ``limit`` of their standard deviation is no chance when
-    it has been so for ``persists_s``, and is told for ``stands_s`` after.
+    it has been so for ``persists_s``.
 
     Of white innovations 0.18 s apart the mean over four seconds scatters by 0.15 of that; the barometer's stayed below
     0.2 in flights without fault and passed 0.5 where it drifted by a third of a metre a second.
@@ -17,7 +17,6 @@ class SteadyConfig:
     time_s: float = 4.0
     limit: float = 0.3
     persists_s: float = 2.0
-    stands_s: float = 10.0
 
 
 class SteadyInnovations:
@@ -28,7 +27,6 @@ class SteadyInnovations:
         self._mean = 0.0
         self._t_us: int | None = None
         self._since_us: int | None = None
-        self._beyond_us: int | None = None
 
     def restart(self) -> None:
         """Forget the mean, where the innovations have another cause."""
@@ -46,9 +44,4 @@ class SteadyInnovations:
         self._since_us = self._since_us if self._since_us is not None else t_us
         if t_us - self._since_us < self.config.persists_s * 1e6:
             return 0.0
-        self._beyond_us = t_us
         return self._mean
-
-    def stands(self, t_us: int) -> bool:
-        """Whether the mean was beyond the limit lately."""
-        return self._beyond_us is not None and t_us - self._beyond_us <= self.config.stands_s * 1e6

@@ -12,6 +12,7 @@ from estimator.geometry.rotation import matrix_from_q
 from estimator.integrity.displacement import DisplacementConfig, DisplacementWatch
 from estimator.integrity.picture import shows_ground
 from estimator.integrity.steady import SteadyConfig, SteadyInnovations
+from estimator.integrity.zero import WanderingZero, ZeroConfig
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
 from estimator.types import Doubt, FixReport, Float, FrameSample, Image
@@ -33,6 +34,7 @@ class SelfWatchConfig:
         default_factory=lambda: DisplacementConfig(span_s=60.0, min_way_m=120.0, most_way_m=130.0)
     )
     steady: SteadyConfig = field(default_factory=SteadyConfig)
+    zero: ZeroConfig = field(default_factory=ZeroConfig)
     pressure_gain: float = 5.0
     level_rad: float = 0.35
     contradiction_sigmas: float = 3.0
@@ -64,6 +66,7 @@ class SelfWatch:
         self._by_satellites = DisplacementWatch(config.displacement)
         self._by_itself = DisplacementWatch(config.contradiction)
         self._pressure = SteadyInnovations(config.steady)
+        self._pressure_zero = WanderingZero(config.zero)
         self._t_us = 0
 
     def takes(self, image: Image) -> bool:
@@ -74,9 +77,13 @@ class SelfWatch:
     def pressure(self, t_us: int, innovation: Innovation, eskf: ErrorStateFilter) -> None:
         """Let the barometer's zero follow where its readings keep to one side of what the pictures say of the climb.
 
-        Only in level flight: in a steep turn it is the pictures' climb that is poor.
+        Only in level flight: in a steep turn it is the pictures' climb that is poor. What is told is not that, which
+        chance does as well for a few seconds, but how far the zero has gone.
         """
         self._t_us = t_us
+        if eskf.layout.has("barometer_bias"):
+            zero_std_m = float(np.sqrt(eskf.cov("barometer_bias")[0, 0]))
+            self._pressure_zero.note(t_us, eskf.nominal.barometer_bias_m, zero_std_m)
         if matrix_from_q(eskf.nominal.motion.q_ned_from_body)[2, 2] < np.cos(self.config.level_rad):
             self._pressure.restart()
             return
@@ -172,6 +179,6 @@ class SelfWatch:
             Doubt.NO_TEXTURE: self._blind,
             Doubt.MAP_MISMATCH: fixer is not None and fixer.evidence.against,
             Doubt.MAP_OFFSET: max(self._map_offset_m, learned_m) > self.config.displacement.least_m,
-            Doubt.BAROMETER_DRIFT: self.config.enabled and self._pressure.stands(self._t_us),
+            Doubt.BAROMETER_DRIFT: self.config.enabled and self._pressure_zero.stands(self._t_us),
         }
         return tuple(doubt for doubt, stands in stand.items() if stands)

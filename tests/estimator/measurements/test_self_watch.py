@@ -164,7 +164,7 @@ def test_a_blind_picture_and_a_contradicted_map_are_told() -> None:
     assert watch.doubts(eskf, None) == (Doubt.NO_TEXTURE,)
 
 
-def test_a_barometer_that_keeps_to_one_side_is_let_go_and_doubted() -> None:
+def test_a_barometer_that_keeps_to_one_side_is_let_go() -> None:
     """The zero's variance grows only where readings do; one on both sides changes nothing."""
     where = LAYOUT.slices["barometer_bias"]
     grown = {}
@@ -176,6 +176,21 @@ def test_a_barometer_that_keeps_to_one_side_is_let_go_and_doubted() -> None:
             innovation = replace(pressure_altitude(eskf, 100.0, 0.0, 0.5), z=np.array([z]))
             watch.pressure(k * 180_000, innovation, eskf)
         grown[name] = float(eskf.P[where, where][0, 0] - before)
-        assert (Doubt.BAROMETER_DRIFT in watch.doubts(eskf, None)) is (name == "steady")
     assert grown["both sides"] == 0.0
     assert grown["steady"] > 1.0
+
+
+def test_a_barometer_that_drifts_is_doubted_and_one_that_errs_for_seconds_is_not() -> None:
+    """Height held by other means: 20 m a minute are told within 20 s, five seconds of 1 m are not."""
+    told = {}
+    for name, errors_m in (("drift", np.arange(110) * 0.06), ("gust", np.repeat([0.0, 1.0, 0.0], [40, 28, 42]))):
+        eskf = new_filter()
+        eskf.P[2, 2] = 0.05**2
+        watch = SelfWatch(SelfWatchConfig())
+        told[name] = False
+        for k, error_m in enumerate(errors_m):
+            innovation = pressure_altitude(eskf, float(error_m), 0.0, 0.5)
+            watch.pressure(k * 180_000, innovation, eskf)
+            eskf.update(innovation.z, innovation.H, innovation.R, 64.0, "barometer", innovation.R_one)
+            told[name] |= Doubt.BAROMETER_DRIFT in watch.doubts(eskf, None)
+    assert told == {"drift": True, "gust": False}
