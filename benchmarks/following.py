@@ -43,6 +43,7 @@ from simulator.world.world import World
 
 LEVELS = {
     "poor": Disturbance(1.5, 1.0),
+    "own": Disturbance(1.1, 0.5),  # as the station's own estimate without GPS errs: docs/results/navigation.md
     "fair": Disturbance(0.7, 0.4),
 }
 CLICK_STD_PX = 1.5
