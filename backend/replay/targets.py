@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from backend.navigation.setup import UNKNOWN_SLOPE_STD, NavigationSetup
-from backend.pointing import STATED_HEIGHT_SHARE, Pointing, ground_for
+from backend.pointing import CLICK_STD_PX, STATED_HEIGHT_SHARE, Pointing, ground_for
 from backend.targeting import scene_of
 from backend.uncertainty import circular_error_m
 from estimator.errors import GeometryError
@@ -31,7 +31,6 @@ SIGHTING_COLUMNS = ("time_us", "target", "u_px", "v_px", "method", "lat_deg", "l
 FUSED = "fused"
 # clicks carry the time of their picture; a table of times may round it
 SAME_PICTURE_US = 20_000
-CLICK_STD_PX = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
