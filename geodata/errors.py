@@ -84,6 +84,18 @@ class PhotoError(GeodataError):
         super().__init__(f"{path}: {problem}" + (f"; {remedy}" if remedy else ""))
 
 
+class PadFileError(GeodataError):
+    """A description of a landing pad cannot be used: which file and field, why, and what to do."""
+
+    def __init__(self, path: Path, problem: str, remedy: str = "", *, field: str = "") -> None:
+        self.path = path
+        self.field = field
+        self.problem = problem
+        self.remedy = remedy
+        where = f"{path}: {field}" if field else f"{path}"
+        super().__init__(f"{where}: {problem}" + (f"; {remedy}" if remedy else ""))
+
+
 class FlightFolderError(GeodataError):
     """A flight folder cannot be used: which file and field, why, and what to do."""
 

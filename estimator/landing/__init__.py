@@ -1,0 +1,1 @@
+"""Landing: the pad's geometry, its detection in pictures and the camera's pose above it."""
