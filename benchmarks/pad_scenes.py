@@ -40,8 +40,9 @@ class Look:
     """What spoils a picture.
 
     ``defocus_px`` is the sigma of a Gaussian, ``motion_px`` the length of a smear along ``motion_rad``; ``noise`` is in
-    grey levels; ``jpeg`` a quality, 0 for none. ``covered`` and ``shaded`` are shares of the sheet; ``glare`` is the
-    strength of a bright spot on it in grey levels.
+    grey levels; ``jpeg`` a quality, 0 for none. ``covered`` (from one side), ``littered`` (patches like leaves and
+    earth, 0.1 to 0.5 m wide) and ``shaded`` are shares of the sheet; ``glare`` is the strength of a bright spot on it,
+    in grey levels.
     """
 
     defocus_px: float = 0.6
@@ -51,6 +52,7 @@ class Look:
     gain: float = 1.0
     jpeg: int = 0
     covered: float = 0.0
+    littered: float = 0.0
     shaded: float = 0.0
     glare: float = 0.0
 
@@ -106,6 +108,7 @@ class PadScene:
         assert pad is not None  # noqa: S101 - render() asked
         sheet = pad.bounds_m
         cover, shade = _strip(sheet, look.covered, rng), _strip(sheet, look.shaded, rng)
+        litter = _litter(sheet, look.littered, rng)
         places = [(0.0, 0.0)] + ([self.second_at_m] if self.second_at_m else [])
         for place in places:
             box = _box(pose, self.camera, sheet, place)
@@ -117,7 +120,10 @@ class PadScene:
             value, on_sheet = self._print(xy, sheet)
             ground = cv2.resize(picture[rows, cols], None, fx=SUPERSAMPLING, fy=SUPERSAMPLING,
                                 interpolation=cv2.INTER_LINEAR)  # fmt: skip
-            value = np.where(on_sheet & ~_in_strip(xy, cover), value, ground)
+            bare = on_sheet & ~_in_strip(xy, cover)
+            for x, y, radius in litter:
+                bare &= (xy[..., 0] - x) ** 2 + (xy[..., 1] - y) ** 2 > radius**2
+            value = np.where(bare, value, ground)
             value = np.where(_in_strip(xy, shade), 0.35 * value, value).astype(np.float32)
             height, width = picture[rows, cols].shape
             picture[rows, cols] = cv2.resize(value, (width, height), interpolation=cv2.INTER_AREA)
@@ -208,6 +214,18 @@ def _strip(sheet: Sheet, share: float, rng: np.random.Generator) -> tuple[float,
     x, y = np.meshgrid(np.linspace(sheet[0], sheet[2], 60), np.linspace(sheet[1], sheet[3], 60))
     along = np.cos(angle) * x + np.sin(angle) * y
     return math.cos(angle), math.sin(angle), float(np.quantile(along, 1.0 - share))
+
+
+def _litter(sheet: Sheet, share: float, rng: np.random.Generator) -> list[tuple[float, float, float]]:
+    """Discs (x, y, radius) that together cover this share of the sheet."""
+    x, y = np.meshgrid(np.linspace(sheet[0], sheet[2], 60), np.linspace(sheet[1], sheet[3], 60))
+    bare = np.ones(x.shape, bool)
+    found: list[tuple[float, float, float]] = []
+    while 1.0 - float(np.mean(bare)) < share:
+        u, v, radius = rng.uniform(sheet[0], sheet[2]), rng.uniform(sheet[1], sheet[3]), rng.uniform(0.05, 0.25)
+        bare &= (x - u) ** 2 + (y - v) ** 2 > radius**2
+        found.append((float(u), float(v), float(radius)))
+    return found
 
 
 def _in_strip(xy: Float32, strip: tuple[float, ...] | None) -> NDArray[np.bool_]:

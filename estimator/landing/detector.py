@@ -21,6 +21,7 @@ from estimator.landing.pose import (
     TiltPrior,
     both_solutions,
     circle_poses,
+    distances,
     joined,
     sample_rings,
     seen,
@@ -31,6 +32,10 @@ from estimator.landing.sighting import NoPad, PadSighting, Refusal
 from estimator.types import Float, Image
 
 _HEADINGS = 72
+_SAME_HEADING = 0.985
+_SHIFTS_PX = np.arange(-10.0, 10.1, 2.5)
+_STRONG = 30.0
+"""Grey levels a pixel from which an edge counts fully when guesses are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,16 +47,21 @@ class DetectorConfig:
     A second pose is carried while its cost exceeds the best by less than ``ambiguous_below``.
     """
 
-    ratio_within: float = 0.075
+    ratio_within: float = 0.065
+    radius_within: float = 0.05
+    slack_px: float = 0.6
     side_within: float = 0.25
-    least_radius_px: float = 4.0
-    edge_within_px: float = 1.2
+    told_radius_px: float = 6.0
+    least_radius_px: float = 3.0
+    edge_within_px: float = 1.0
     accept_share: float = 0.4
     sure_share: float = 0.9
     least_strength: float = 0.2
+    largest_share: float = 0.3
     mirror_margin: float = 0.06
+    mirror_share: float = 0.7
     ambiguous_below: float = 13.8
-    single_rings: int = 3
+    single_rings: int = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,27 +80,33 @@ def detect_circles(
 ) -> PadSighting | NoPad:  # fmt: skip
     """The pad in a grey picture (rows, cols), or why there is none to use.
 
-    ``prior`` is down in the camera frame from inertial sensors; ``expected`` the pose that a filter foresees within
-    some pixels, tried first, with which a pad is found whose rings are all cut.
+    ``prior`` is down in the camera frame from inertial sensors. ``expected`` is the pose that a filter foresees to some
+    pixels: the pad is then sought there first, found even with all rings cut, and not asked again whether it is
+    mirrored or one of two.
     """
     if image.ndim != 2 or image.shape != (camera.height_px, camera.width_px):
         message = f"the picture is {image.shape}, the camera's are grey of ({camera.height_px}, {camera.width_px})"
         raise GeometryError(message)
     search = _Search(image, camera, pad, prior, config or DetectorConfig())
+    if expected is not None:
+        tracked = search.fitted(search.shifted(expected))
+        if tracked is not None and tracked.share >= search.config.accept_share:
+            return search.sighting(tracked)
     rings: list[RingSeen] = []
     fit = None
     for rings in ring_levels(image):
-        fit = _better(fit, search.best(rings, expected))
+        fit = _better(fit, search.best(rings))
         if fit is not None and fit.share >= search.config.sure_share:
             break
-        expected = None
     mirror = None
     if fit is None or fit.share < search.config.sure_share:
-        fit = _better(fit, search.around_one(rings))
         other = search.mirrored()
-        mirror = _better(other.best(rings, None), other.around_one(rings))
-    lead = (0.0 if fit is None else fit.share) - (0.0 if mirror is None else mirror.share)
-    if mirror is not None and mirror.share >= search.config.accept_share and lead < -search.config.mirror_margin:
+        mirror = other.best(rings)
+        if fit is None or _lead(fit, mirror) < search.config.mirror_margin:
+            fit = _better(fit, search.around_one(rings))
+            mirror = _better(mirror, other.around_one(rings))
+    lead = _lead(fit, mirror)
+    if mirror is not None and mirror.share >= search.config.mirror_share and lead < -search.config.mirror_margin:
         return NoPad(Refusal.MIRRORED, f"pad '{pad.name}' is printed mirrored: its ratios rise counter-clockwise")
     if fit is None:
         return search.nothing(rings)
@@ -101,7 +117,7 @@ def detect_circles(
             "it is covered, cut or printed in part",
         )
     others = [ring for ring in rings if not search.explains(fit, ring)]
-    second = search.best(others, None)
+    second = search.best(others)
     if second is not None and second.share >= search.config.accept_share:
         return NoPad(Refusal.TWO_PADS, f"two pads '{pad.name}' are in view; which one to land on is not known")
     return search.sighting(fit)
@@ -111,6 +127,11 @@ def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
     if one is None or other is None:
         return one or other
     return other if other.share >= one.share else one
+
+
+def _lead(fit: _Fit | None, mirror: _Fit | None) -> float:
+    """By what share of edges a fit is ahead of that of a mirrored print."""
+    return (0.0 if fit is None else fit.share) - (0.0 if mirror is None else mirror.share)
 
 
 class _Search:
@@ -128,11 +149,11 @@ class _Search:
         other.rings = self.pad.mirrored()
         return other
 
-    def best(self, rings: list[RingSeen], expected: PadPose | None) -> _Fit | None:
+    def best(self, rings: list[RingSeen]) -> _Fit | None:
         """The first fit that leaves no doubt, or the one with most of its edges seen."""
         found: _Fit | None = None
-        for tries, guess in enumerate(self._guesses(rings, expected), 1):
-            fit = self._fitted(guess)
+        for tries, guess in enumerate(self._guesses(rings), 1):
+            fit = self.fitted(guess)
             if fit is not None and (found is None or fit.share > found.share):
                 found = fit
                 if fit.share >= self.config.sure_share:
@@ -141,9 +162,7 @@ class _Search:
                 break
         return found
 
-    def _guesses(self, rings: list[RingSeen], expected: PadPose | None) -> Iterator[PadPose]:
-        if expected is not None:
-            yield expected
+    def _guesses(self, rings: list[RingSeen]) -> Iterator[PadPose]:
         for one, other in permutations(rings, 2):
             alike = one.outer.size_px / other.outer.size_px
             apart = np.hypot(one.outer.u_px - other.outer.u_px, one.outer.v_px - other.outer.v_px)
@@ -151,14 +170,38 @@ class _Search:
                 yield from self._from_pair(one, other)
 
     def around_one(self, rings: list[RingSeen]) -> _Fit | None:
-        """The best fit that a single ring leads to, the pad being turned about it."""
-        found: _Fit | None = None
-        for ring in rings[: self.config.single_rings]:
-            for pose in self._from_one(ring):
-                found = _better(found, self._fitted(pose))
-            if found is not None and found.share >= self.config.sure_share:
+        """The best fit that a single ring leads to, the pad being turned about it; None where two headings compete."""
+        fits: list[_Fit] = []
+        large = [ring for ring in rings if ring.outer.size_px >= self.config.told_radius_px]
+        for ring in large[: self.config.single_rings]:
+            fits += [fit for pose in self._from_one(ring) if (fit := self.fitted(pose)) is not None]
+            if any(fit.share >= self.config.sure_share for fit in fits):
                 break
-        return found
+        fits.sort(key=lambda fit: -fit.share)
+        for fit in fits[1:]:
+            one, other = (f.solution.pose.camera_from_pad for f in (fits[0], fit))
+            if float(one[:, 0] @ other[:, 0]) < _SAME_HEADING and fits[0].share - fit.share < self.config.mirror_margin:
+                return None
+        return fits[0] if fits else None
+
+    def shifted(self, expected: PadPose) -> PadPose:
+        """The expected pose moved across the line of sight to where most of its edges are."""
+        there = self._visible(expected)
+        if there is None:
+            return expected
+        samples, curve = there
+        du, dv = (grid.ravel() for grid in np.meshgrid(_SHIFTS_PX, _SHIFTS_PX))
+        shifts = np.column_stack((du, dv))
+        pixels = (curve.pixels + shifts[:, np.newaxis]).reshape(-1, 2)
+        count = len(shifts)
+        _, strength = edges_along(
+            self.image, pixels, np.tile(curve.normals, (count, 1)), np.tile(samples.rises, count), 1.5
+        )
+        strong = np.minimum(np.nan_to_num(strength).reshape(count, -1) / _STRONG, 1.0)
+        best = shifts[int(np.argmax(strong.mean(axis=1)))]
+        depth = float(expected.pad_in_camera_m[2])
+        move = np.array((best[0] / self.camera.fx_px, best[1] / self.camera.fy_px, 0.0)) * depth
+        return PadPose(expected.camera_from_pad, expected.pad_in_camera_m + move)
 
     def _from_one(self, ring: RingSeen) -> list[PadPose]:
         """Poses with most edges among headings all around: the ring's ellipse leaves only the heading open."""
@@ -192,7 +235,7 @@ class _Search:
         offset, strength = edges_along(self.image, *flat, rises, 2.0)
         there = np.isfinite(offset).reshape(length.shape) & (length > 0.05 * self.config.least_radius_px * 0.7)
         strong = np.nan_to_num(strength).reshape(length.shape)
-        share: Float = np.mean(there * np.minimum(strong / 30.0, 1.0), axis=1)
+        share: Float = np.mean(there * np.minimum(strong / _STRONG, 1.0), axis=1)
         return share
 
     def _planes(self, ring: RingSeen) -> list[tuple[Float, Float]]:
@@ -223,7 +266,7 @@ class _Search:
                 if pose is not None:
                     yield pose
 
-    def _fitted(self, guess: PadPose) -> _Fit | None:
+    def fitted(self, guess: PadPose) -> _Fit | None:
         """The guess brought onto the edges in steps of shrinking reach."""
         pose, config = guess, self.config
         fit: _Fit | None = None
@@ -234,12 +277,52 @@ class _Search:
             edges, share = self._edges(*there, reach, within)
             if len(edges.xy) < max(24, 0.3 * len(there[0].ring)):
                 return None
-            solution = solve(edges, pose, self.prior, sigma)
+            solution = solve(edges, pose, self.prior, sigma, steps=6 if np.isfinite(within) else 3)
             if solution is None:
                 return None
             pose = solution.pose
+            if np.isfinite(within) and not (self._largest_is_there(*there, edges) and self._as_described(edges, pose)):
+                return None
             fit = _Fit(solution, edges, share, min(self.rings[i].triple for i in set(there[0].ring.tolist())))
         return fit
+
+    def _largest_is_there(self, samples: Samples, curve: Curve, edges: Edges) -> bool:
+        """Whether the largest triple that should fill the view shows, if most of it is in the picture.
+
+        A triple taken for the next smaller one puts a larger one around it, where there is none.
+        """
+        if not len(edges.samples.ring):
+            return False
+        triple = min(samples.ring.tolist()) // 3
+        wanted = np.count_nonzero(samples.ring // 3 == triple)
+        outer = curve.radius_px[(samples.ring // 3 == triple) & (samples.rises > 0.0)]
+        radius_px = float(np.max(outer, initial=0.0))
+        whole = len(sample_rings(self.rings[3 * triple : 3 * triple + 3], 3 * triple, _count(radius_px)).ring)
+        if wanted < 0.5 * whole:
+            return True
+        return bool(np.count_nonzero(edges.samples.ring // 3 == triple) >= self.config.largest_share * wanted)
+
+    def _as_described(self, edges: Edges, pose: PadPose) -> bool:
+        """Whether the rings' ratios and sizes, read off their edges, are those of the description."""
+        away = distances(edges, pose)
+        for number in set(edges.samples.ring.tolist()):
+            outer = (edges.samples.ring == number) & (edges.samples.rises > 0.0)
+            inner = (edges.samples.ring == number) & (edges.samples.rises < 0.0)
+            if np.count_nonzero(outer) < 8 or np.count_nonzero(inner) < 5:
+                continue
+            radius = float(np.median(edges.radius_px[outer]))
+            if radius < self.config.told_radius_px:
+                continue
+            grown = radius + float(np.median(away[outer]))
+            ratio = (float(np.median(edges.radius_px[inner])) + float(np.median(away[inner]))) / grown
+            told = float(np.median(edges.radius_px[inner])) / radius
+            # Glare and blur move an edge by half a pixel or so.
+            slack = self.config.slack_px / radius
+            if abs(ratio - told) > self.config.ratio_within + slack:
+                return False
+            if abs(grown / radius - 1.0) > self.config.radius_within + slack:
+                return False
+        return True
 
     def _visible(self, pose: PadPose) -> tuple[Samples, Curve] | None:
         """Points on the rings that are large enough in the picture, of the two largest triples that are in view."""
@@ -250,11 +333,10 @@ class _Search:
         for triple in range(len(self.rings) // 3):
             rings = self.rings[3 * triple : 3 * triple + 3]
             radius_px = per_m * rings[0].outer_m
-            if len(parts) == 2 or radius_px < self.config.least_radius_px:
+            least = self.config.least_radius_px if parts else self.config.told_radius_px
+            if len(parts) == 2 or radius_px < least:
                 break
-            # A point each two pixels, in four densities so that they are made once.
-            count = next((n for n in (12, 20, 28) if np.pi * radius_px <= n), 36)
-            samples = sample_rings(rings, 3 * triple, count)
+            samples = sample_rings(rings, 3 * triple, _count(radius_px))
             curve = seen(self.camera, pose, samples)
             size = (self.camera.width_px - 5.0, self.camera.height_px - 5.0)
             inside = np.all((curve.pixels > 4.0) & (curve.pixels < size), axis=1)
@@ -306,6 +388,11 @@ class _Search:
             f"rings with ratios {ratios} are in view, but not as pad '{self.pad.name}' is described: another pad, or "
             "a description of another print",
         )
+
+
+def _count(radius_px: float) -> int:
+    """Points on a circle: one each two pixels, in four densities so that they are made once."""
+    return next((count for count in (12, 20, 28) if np.pi * radius_px <= count), 36)
 
 
 def _turned(normal: Float, count: int) -> Float:

@@ -30,6 +30,7 @@ BLEED_STD_PX = 0.15
 SIGMA_FLOOR_PX = 0.03
 _KNOWN = np.array((1.0 / BLUR_STD_PX2**2, 1.0 / BLEED_STD_PX**2))
 _MAX_INFLATION = 4.0
+_ARC = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +75,11 @@ class TiltPrior:
         down = pose.camera_from_pad[:, 2]
         jacobian = np.hstack((-basis @ skew(down), np.zeros((2, 3))))
         return -(basis @ down) / self.std_rad, jacobian / self.std_rad
+
+    def excludes(self, pose: PadPose, cost: float) -> bool:
+        """Whether the tilt alone costs a pose many times this much, so that edges could not make up for it."""
+        lacking, _ = self.residual(pose)
+        return float(lacking @ lacking) > 9.0 * cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,15 +194,26 @@ def skew(v: Float) -> Float:
 
 @lru_cache(maxsize=256)
 def sample_rings(rings: tuple[Ring, ...], first: int, count: int) -> Samples:
-    """``count`` evenly spaced points on each of the two circles of rings, numbered from ``first``."""
-    angle = (np.arange(count) + 0.5) * (2.0 * np.pi / count)
-    unit = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(count)))
-    parts = [
-        (np.array((ring.x_m, ring.y_m, 0.0)) + radius * unit, unit, np.full(count, radius), np.full(count, rises),
-         np.full(count, number))
-        for number, ring in enumerate(rings, first) for radius, rises in ((ring.outer_m, 1.0), (ring.inner_m, -1.0))
-    ]  # fmt: skip
-    return Samples(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    """``count`` evenly spaced points on the outer circle of rings, numbered from ``first``; as dense on the inner."""
+    parts = []
+    for number, ring in enumerate(rings, first):
+        for radius, rises, points in (
+            (ring.outer_m, 1.0, count),
+            (ring.inner_m, -1.0, max(8, round(count * ring.ratio))),
+        ):
+            angle = (np.arange(points) + 0.5) * (2.0 * np.pi / points)
+            unit = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(points)))
+            centre = np.array((ring.x_m, ring.y_m, 0.0))
+            parts.append(
+                Samples(
+                    centre + radius * unit,
+                    unit,
+                    np.full(points, radius),
+                    np.full(points, rises),
+                    np.full(points, number),
+                )
+            )
+    return joined(parts)
 
 
 def seen(camera: Camera, pose: PadPose, samples: Samples) -> Curve:
@@ -222,7 +239,12 @@ def seen(camera: Camera, pose: PadPose, samples: Samples) -> Curve:
 
 
 def solve(
-    edges: Edges, start: PadPose, prior: TiltPrior | None, sigma_px: float = 0.3, least_sigma_px: float = SIGMA_FLOOR_PX
+    edges: Edges,
+    start: PadPose,
+    prior: TiltPrior | None,
+    sigma_px: float = 0.3,
+    least_sigma_px: float = SIGMA_FLOOR_PX,
+    steps: int = _MAX_STEPS,
 ) -> Solution | None:
     """The pose that brings the circles onto edges: least distances along normals; None if it does not settle.
 
@@ -234,7 +256,7 @@ def solve(
     best = _linearised(edges, pose, state, prior, sigma_px)
     if best is None:
         return None
-    for _ in range(_MAX_STEPS):
+    for _ in range(steps):
         normal, gradient, cost, _ = best
         step = np.asarray(np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient), np.float64)
         tried = pose.moved(step[:6])
@@ -250,10 +272,10 @@ def solve(
     residual = best[3]
     scatter = max(float(1.4826 * np.median(np.abs(residual))), least_sigma_px)
     # The prior does not get surer when edges do, so only the edges' part of the information is scaled.
-    information = _linearised(edges, pose, state, prior, scatter * _inflation(residual))
-    if information is None:
+    ready = _linearised(edges, pose, state, prior, scatter * _inflation(residual))
+    if ready is None:
         return None
-    covariance = np.asarray(np.linalg.inv(information[0]), np.float64)
+    covariance = np.asarray(np.linalg.inv(ready[0]), np.float64)
     return Solution(pose, covariance[:6, :6], best[2], scatter)
 
 
@@ -282,7 +304,10 @@ def both_solutions(
     Both are kept while their costs differ by less than ``ambiguous_below``. Empty if nothing settles.
     """
     found: list[Solution] = []
-    for pose in (start, other_side(start)):
+    starts = [start, other_side(start)]
+    if prior is not None and prior.excludes(starts[1], ambiguous_below):
+        starts = starts[:1]
+    for pose in starts:
         solution = solve(edges, pose, prior, sigma_px, least_sigma_px)
         if solution is not None and all(_apart(solution.pose, other.pose) for other in found):
             found.append(solution)
@@ -296,12 +321,18 @@ def _apart(one: PadPose, other: PadPose) -> bool:
 
 
 def _inflation(residual: Float) -> float:
-    """By how much sigma grows because neighbours err alike: an autoregression of first order over each circle."""
-    spread = float(residual @ residual)
-    if len(residual) < 8 or spread <= 0.0:
+    """By how much sigma grows because neighbours err alike.
+
+    The larger of an autoregression of first order, and what sums over arcs of eight are beyond those of independent
+    errors; and for the eight numbers that were fitted.
+    """
+    spread, count = float(residual @ residual), len(residual)
+    if count < 24 or spread <= 0.0:
         return 1.0
     alike = min(max(float(residual[1:] @ residual[:-1]) / spread, 0.0), 0.9)
-    return float(min(np.sqrt((1.0 + alike) / (1.0 - alike)), _MAX_INFLATION))
+    arcs = np.add.reduceat(residual, np.arange(0, count, _ARC))
+    grown = max((1.0 + alike) / (1.0 - alike), float(arcs @ arcs) / spread)
+    return float(min(np.sqrt(grown * count / (count - 8.0)), _MAX_INFLATION))
 
 
 def _linearised(
@@ -337,6 +368,23 @@ def _linearised(
         gradient[:6] += slope.T @ lacking
         cost += float(lacking @ lacking)
     return normal, gradient, cost, residual
+
+
+def distances(edges: Edges, pose: PadPose) -> Float:
+    """How far beyond a pose's circles the edges lie, in pixels (n,)."""
+    at = edges.samples.points_m @ pose.camera_from_pad.T + pose.pad_in_camera_m
+    away: Float = np.einsum("ni,ni->n", edges.gauge, edges.xy - at[:, :2] / at[:, 2:])
+    return away
+
+
+def cov_of_edges(edges: Edges, pose: PadPose, prior: TiltPrior | None, sigma_px: float) -> Float:
+    """Covariance (3, 3) of the camera's position that edges of this sigma, each on its own, would give at a pose."""
+    there = _linearised(edges, pose, np.array((BLUR_PX2, 0.0)), prior, sigma_px)
+    if there is None:
+        message = "the pose puts the pad behind the camera"
+        raise GeometryError(message)
+    covariance = np.asarray(np.linalg.inv(there[0]), np.float64)
+    return Solution(pose, covariance[:6, :6], 0.0, sigma_px).cov_pos_pad_m2
 
 
 def other_side(pose: PadPose) -> PadPose:
