@@ -305,6 +305,7 @@ def figure(rows: Sequence[Accuracy]) -> str:
 def main(
     seeds: Annotated[str, typer.Option(help="Worlds, FIRST-LAST.")] = "401-405",
     short: Annotated[bool, typer.Option("--short", help="One world, few pictures.")] = False,
+    share: Annotated[float, typer.Option(min=0.01, max=1.0, help="So much of the pictures only.")] = 1.0,
     only: Annotated[list[str] | None, typer.Option(help="detection, accuracy, descents, ground or timing.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for landing.json and landing.svg.")] = None,
     cache: Annotated[Path | None, typer.Option(help="Folder that keeps the worlds.")] = None,
@@ -318,13 +319,17 @@ def main(
     chosen = parse_seeds(seeds, short)[: 1 if short else None]
     grounds = [ground_of(seed, cache) for seed in track(chosen, "worlds", console=Console(stderr=True), transient=True)]
     seed = chosen[0]
+
+    def count(few: int, many: int) -> int:
+        return few if short else max(few, round(share * many))
+
     measured: dict[str, list[Any]] = {}
     work: dict[str, Callable[[], list[Any]]] = {
-        "detection": lambda: list(detection(grounds, 6 if short else 150, seed)),
-        "accuracy": lambda: list(accuracy(grounds, 4 if short else 60, seed)),
-        "descents": lambda: [descents(grounds, 2 if short else 200, 12, 1500, seed)],
-        "ground": lambda: [negatives(grounds, 20 if short else 5000, seed)],
-        "timing": lambda: list(timing(grounds, 5 if short else 60, seed)),
+        "detection": lambda: list(detection(grounds, count(6, 150), seed)),
+        "accuracy": lambda: list(accuracy(grounds, count(4, 60), seed)),
+        "descents": lambda: [descents(grounds, count(2, 200), 12, 1500, seed)],
+        "ground": lambda: [negatives(grounds, count(20, 5000), seed)],
+        "timing": lambda: list(timing(grounds, count(5, 60), seed)),
     }
     for name in parts:
         if name in wanted:

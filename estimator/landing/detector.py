@@ -50,6 +50,8 @@ class DetectorConfig:
     ratio_within: float = 0.065
     radius_within: float = 0.05
     slack_px: float = 0.6
+    outer_shows: float = 0.7
+    inner_lacks: float = 0.3
     side_within: float = 0.25
     told_radius_px: float = 6.0
     least_radius_px: float = 3.0
@@ -281,7 +283,9 @@ class _Search:
             if solution is None:
                 return None
             pose = solution.pose
-            if np.isfinite(within) and not (self._largest_is_there(*there, edges) and self._as_described(edges, pose)):
+            if np.isfinite(within) and not (
+                self._largest_is_there(*there, edges) and self._as_described(there[0], edges, pose)
+            ):
                 return None
             fit = _Fit(solution, edges, share, min(self.rings[i].triple for i in set(there[0].ring.tolist())))
         return fit
@@ -302,9 +306,19 @@ class _Search:
             return True
         return bool(np.count_nonzero(edges.samples.ring // 3 == triple) >= self.config.largest_share * wanted)
 
-    def _as_described(self, edges: Edges, pose: PadPose) -> bool:
-        """Whether the rings' ratios and sizes, read off their edges, are those of the description."""
+    def _as_described(self, samples: Samples, edges: Edges, pose: PadPose) -> bool:
+        """Whether the rings' ratios and sizes, read off their edges, are those of the description.
+
+        A ring whose outer circle shows and whose inner one does not is one with another ratio.
+        """
         away = distances(edges, pose)
+        sought, found = (
+            np.array([np.bincount(s.ring[s.rises == side], minlength=len(self.rings)) for side in (1.0, -1.0)])
+            for s in (samples, edges.samples)
+        )
+        share = found / np.maximum(sought, 1)
+        if np.any((sought[1] >= 8) & (share[0] > self.config.outer_shows) & (share[1] < self.config.inner_lacks)):
+            return False
         for number in set(edges.samples.ring.tolist()):
             outer = (edges.samples.ring == number) & (edges.samples.rises > 0.0)
             inner = (edges.samples.ring == number) & (edges.samples.rises < 0.0)
