@@ -91,7 +91,10 @@ def detect_circles(
         raise GeometryError(message)
     search = _Search(image, camera, pad, prior, config or DetectorConfig())
     if expected is not None:
+        # Which triple is which is known then, so a covered inner circle says nothing.
+        search.trusting = True
         tracked = search.fitted(search.shifted(expected))
+        search.trusting = False
         if tracked is not None and tracked.share >= search.config.accept_share:
             return search.sighting(tracked)
     rings: list[RingSeen] = []
@@ -144,6 +147,7 @@ class _Search:
     ) -> None:
         self.image, self.camera, self.pad, self.prior, self.config = image, camera, pad, prior, config
         self.rings = pad.rings
+        self.trusting = False
 
     def mirrored(self) -> _Search:
         """The same picture searched for a mirrored print."""
@@ -317,7 +321,11 @@ class _Search:
             for s in (samples, edges.samples)
         )
         share = found / np.maximum(sought, 1)
-        if np.any((sought[1] >= 8) & (share[0] > self.config.outer_shows) & (share[1] < self.config.inner_lacks)):
+        # Of small rings the inner circle drowns in blur.
+        per_m = self.camera.fx_px / float(pose.pad_in_camera_m[2])
+        large = np.array([per_m * ring.outer_m >= self.config.told_radius_px for ring in self.rings])
+        lacks = large & (sought[1] >= 8) & (share[0] > self.config.outer_shows) & (share[1] < self.config.inner_lacks)
+        if np.any(lacks) and not self.trusting:
             return False
         for number in set(edges.samples.ring.tolist()):
             outer = (edges.samples.ring == number) & (edges.samples.rises > 0.0)
