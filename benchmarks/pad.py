@@ -293,6 +293,11 @@ def _cell(value: object) -> str:
     return str(value)
 
 
+def _finite(figures: dict[str, Any]) -> dict[str, Any]:
+    """The same with null for what is not a number, which JSON has not."""
+    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in figures.items()}
+
+
 def figure(rows: Sequence[Accuracy]) -> str:
     """Errors across over range, each method beside its Cramér-Rao bound."""
     lines = []
@@ -337,8 +342,8 @@ def main(
             typer.echo(f"\n{name}\n\n{markdown(measured[name])}")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        rows = {name: [asdict(row) for row in each] for name, each in measured.items()}
-        (out / "landing.json").write_text(json.dumps({"seeds": chosen, **rows}, indent=1) + "\n")
+        rows = {name: [_finite(asdict(row)) for row in each] for name, each in measured.items()}
+        (out / "landing.json").write_text(json.dumps({"seeds": chosen, **rows}, indent=1, allow_nan=False) + "\n")
         if "accuracy" in measured:
             (out / "landing.svg").write_text(figure(measured["accuracy"]))
 

@@ -1,4 +1,4 @@
-"""The study of the landing pad: rings stand where OpenCV projects them, bounds are those of theory, a figure is drawn."""
+"""The study of the landing pad: rings stand where OpenCV projects them, and bounds are those of theory."""
 
 import math
 from xml.etree import ElementTree
