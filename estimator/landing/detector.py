@@ -43,7 +43,8 @@ class DetectorConfig:
     """Limits of the detector; lengths in pixels.
 
     ``ratio_within`` and ``side_within`` say how far a ring's ratio and the distance of two may be off for a first
-    guess. Of the edges that a pose puts into the picture ``accept_share`` must be there, within ``edge_within_px``.
+    guess. Of the edges that a pose puts into the picture ``accept_share`` must be there, within ``edge_within_px``, and
+    ``expected_share`` where the pose was foreseen.
     A second pose is carried while its cost exceeds the best by less than ``ambiguous_below``.
     """
 
@@ -56,7 +57,8 @@ class DetectorConfig:
     told_radius_px: float = 6.0
     least_radius_px: float = 3.0
     edge_within_px: float = 1.0
-    accept_share: float = 0.4
+    accept_share: float = 0.58
+    expected_share: float = 0.4
     sure_share: float = 0.9
     least_strength: float = 0.2
     largest_share: float = 0.3
@@ -95,7 +97,7 @@ def detect_circles(
         search.trusting = True
         tracked = search.fitted(search.shifted(expected))
         search.trusting = False
-        if tracked is not None and tracked.share >= search.config.accept_share:
+        if tracked is not None and tracked.share >= search.config.expected_share:
             return search.sighting(tracked)
     rings: list[RingSeen] = []
     fit = None
