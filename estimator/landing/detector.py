@@ -44,7 +44,7 @@ class DetectorConfig:
 
     ``ratio_within`` and ``side_within`` say how far a ring's ratio and the distance of two may be off for a first
     guess. Of the edges that a pose puts into the picture ``accept_share`` must be there, within ``edge_within_px``, and
-    ``expected_share`` where the pose was foreseen.
+    ``expected_share`` where the pose was foreseen. Rings ``larger_by`` than the pad's largest in view are another's.
     A second pose is carried while its cost exceeds the best by less than ``ambiguous_below``.
     """
 
@@ -62,6 +62,7 @@ class DetectorConfig:
     sure_share: float = 0.9
     least_strength: float = 0.2
     largest_share: float = 0.3
+    larger_by: float = 1.5
     mirror_margin: float = 0.06
     mirror_share: float = 0.7
     ambiguous_below: float = 13.8
@@ -123,11 +124,7 @@ def detect_circles(
             f"pad '{pad.name}': only {fit.share:.0%} of its edges are in the picture where they should be; "
             "it is covered, cut or printed in part",
         )
-    others = [ring for ring in rings if not search.explains(fit, ring)]
-    second = search.best(others)
-    if second is not None and second.share >= search.config.accept_share:
-        return NoPad(Refusal.TWO_PADS, f"two pads '{pad.name}' are in view; which one to land on is not known")
-    return search.sighting(fit)
+    return search.alone(rings, fit)
 
 
 def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:
@@ -391,6 +388,25 @@ class _Search:
         pixels = self.camera.project(centres @ pose.camera_from_pad.T + pose.pad_in_camera_m)
         apart = np.hypot(pixels[:, 0] - ring.outer.u_px, pixels[:, 1] - ring.outer.v_px)
         return bool(np.nanmin(apart, initial=np.inf) < 0.6 * ring.outer.size_px + 2.0)
+
+    def alone(self, rings: list[RingSeen], fit: _Fit) -> PadSighting | NoPad:
+        """The fit's sighting, unless rings that are not of it tell of a second or of another pad."""
+        others = [ring for ring in rings if not self.explains(fit, ring)]
+        if any(ring.outer.size_px > self.config.larger_by * self.largest_px(fit) for ring in others):
+            return NoPad(
+                Refusal.FOREIGN,
+                f"larger rings are in view than pad '{self.pad.name}' has where it would have to be: another pad, or a "
+                "description of another print",
+            )
+        second = self.best(others)
+        if second is not None and second.share >= self.config.accept_share:
+            return NoPad(Refusal.TWO_PADS, f"two pads '{self.pad.name}' are in view; which one to land on is not known")
+        return self.sighting(fit)
+
+    def largest_px(self, fit: _Fit) -> float:
+        """Radius that the rings of the fit's largest triple in view have in the picture."""
+        radius_m = max(ring.outer_m for ring in self.rings if ring.triple == fit.triple)
+        return self.camera.fx_px * radius_m / float(fit.solution.pose.pad_in_camera_m[2])
 
     def sighting(self, fit: _Fit) -> PadSighting:
         """The fit settled with the sigma that its edges have, and its mirror image while that is as good."""

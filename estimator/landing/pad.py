@@ -23,9 +23,16 @@ from estimator.types import Float
 
 CODES: Final = ((0.32, 0.45, 0.71), (0.32, 0.58, 0.71), (0.32, 0.45, 0.58), (0.45, 0.58, 0.71))
 """Ratios of the triples, the largest triple first."""
+FULLNESS: Final = (1.0, 0.78, 1.22, 0.62)
+"""Radius by side of the triples, relative to the first.
+
+Codes differ in a single ring; close to the pad, with the larger triples out of view, that alone does not keep one from
+being taken for another, nine times as far.
+"""
 QUIET_SHARE: Final = 0.4
 """White that a ring needs around it, in its outer radii."""
 _LEAST_STEP: Final = 0.1
+_LEAST_FULLER: Final = 1.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +107,17 @@ class CirclePad:
                 )
                 raise GeometryError(message)
         for one, other in combinations(range(len(self.triples)), 2):
-            apart = np.abs(np.subtract(self.triples[one].ratios, self.triples[other].ratios))
-            if float(apart.max()) < _LEAST_STEP - 1e-9:
+            a, b = self.triples[one], self.triples[other]
+            apart = np.abs(np.subtract(a.ratios, b.ratios)) > _LEAST_STEP - 1e-9
+            if not apart.any():
                 message = f"pad '{self.name}': triples {one + 1} and {other + 1} have the same ratios"
+                raise GeometryError(message)
+            fuller = a.radius_m / a.side_m / (b.radius_m / b.side_m)
+            if np.count_nonzero(apart) < 2 and max(fuller, 1.0 / fuller) < _LEAST_FULLER:
+                message = (
+                    f"pad '{self.name}': triples {one + 1} and {other + 1} differ in one ratio only, so that one may "
+                    f"be taken for the other: let radius by side differ by a factor of {_LEAST_FULLER} or more"
+                )
                 raise GeometryError(message)
 
     @property
@@ -185,7 +200,7 @@ Pad = CirclePad | TagPad
 
 
 def circle_pad(name: str, side_m: float, radius_m: float, triples: int = 4, shrink: float = 3.0) -> CirclePad:
-    """A pad whose largest triple has this side and radius, each further one ``shrink`` times smaller."""
+    """A pad whose largest triple has this side and radius, each further side ``shrink`` times smaller."""
     if not 1 <= triples <= len(CODES):
         message = f"a pad has 1 to {len(CODES)} triples, not {triples}"
         raise GeometryError(message)
@@ -193,7 +208,7 @@ def circle_pad(name: str, side_m: float, radius_m: float, triples: int = 4, shri
         message = f"each triple must be smaller than the one around it; shrink is {shrink}, not above 1"
         raise GeometryError(message)
     sizes = (shrink**-number for number in range(triples))
-    return CirclePad(name, tuple(Triple(side_m * s, radius_m * s, CODES[n]) for n, s in enumerate(sizes)))
+    return CirclePad(name, tuple(Triple(side_m * s, radius_m * s * FULLNESS[n], CODES[n]) for n, s in enumerate(sizes)))
 
 
 def tag_pad(name: str, side_m: float, sizes: int = 3, first: int = 0) -> TagPad:

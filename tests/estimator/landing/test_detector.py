@@ -165,7 +165,7 @@ def test_another_print_than_described_is_not_used(printed: str) -> None:
     rings = {
         "larger discs": _scaled(PAD.rings, 1.2),
         "other ratios": CirclePad("q", (Triple(largest.side_m, largest.radius_m, (0.25, 0.38, 0.64)),)).rings,
-        "other sides": circle_pad("q", 1.9, 0.3).rings,
+        "other sides": circle_pad("q", 1.7, 0.3).rings,
     }[printed]  # fmt: skip
     scene = PadScene(GROUND, VGA, PAD, rings=rings)
     for height_m in (12.0, 6.0):
