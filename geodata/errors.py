@@ -74,18 +74,8 @@ class MapNotFoundError(MapLibraryError):
         super().__init__(f"no map {map_id!r} in the library; list the maps to see their ids")
 
 
-class PhotoError(GeodataError):
-    """A photo cannot be used: which, why, and what to do."""
-
-    def __init__(self, path: Path, problem: str, remedy: str = "") -> None:
-        self.path = path
-        self.problem = problem
-        self.remedy = remedy
-        super().__init__(f"{path}: {problem}" + (f"; {remedy}" if remedy else ""))
-
-
-class PadFileError(GeodataError):
-    """A description of a landing pad cannot be used: which file and field, why, and what to do."""
+class UnusableFileError(GeodataError):
+    """A file cannot be used: which, the field of it where one is to blame, why, and what to do."""
 
     def __init__(self, path: Path, problem: str, remedy: str = "", *, field: str = "") -> None:
         self.path = path
@@ -96,13 +86,13 @@ class PadFileError(GeodataError):
         super().__init__(f"{where}: {problem}" + (f"; {remedy}" if remedy else ""))
 
 
-class FlightFolderError(GeodataError):
-    """A flight folder cannot be used: which file and field, why, and what to do."""
+class PhotoError(UnusableFileError):
+    """A photo cannot be used."""
 
-    def __init__(self, path: Path, problem: str, remedy: str = "", *, field: str = "") -> None:
-        self.path = path
-        self.field = field
-        self.problem = problem
-        self.remedy = remedy
-        where = f"{path}: {field}" if field else f"{path}"
-        super().__init__(f"{where}: {problem}" + (f"; {remedy}" if remedy else ""))
+
+class PadFileError(UnusableFileError):
+    """A description of a landing pad cannot be used."""
+
+
+class FlightFolderError(UnusableFileError):
+    """A flight folder cannot be used."""
