@@ -81,7 +81,7 @@ class BoundedGround:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Piece:
-    """A cut-out: the lattice, and the files (name to bytes) with its cells; ``problem`` says why there are none."""
+    """A cut-out: lattice, and files (name to bytes) with its cells; ``part.problem`` says why there are none."""
 
     part: GridPart
     files: Mapping[PieceName, bytes]

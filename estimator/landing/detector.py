@@ -95,9 +95,7 @@ def detect_circles(
     search = _Search(image, camera, pad, prior, config or DetectorConfig())
     if expected is not None:
         # Which triple is which is known then, so a covered inner circle says nothing.
-        search.trusting = True
-        tracked = search.fitted(search.shifted(expected))
-        search.trusting = False
+        tracked = search.fitted(search.shifted(expected), trusting=True)
         if tracked is not None and tracked.share >= search.config.expected_share:
             return search.sighting(tracked)
     rings: list[RingSeen] = []
@@ -146,7 +144,6 @@ class _Search:
     ) -> None:
         self.image, self.camera, self.pad, self.prior, self.config = image, camera, pad, prior, config
         self.rings = pad.rings
-        self.trusting = False
 
     def mirrored(self) -> _Search:
         """The same picture searched for a mirrored print."""
@@ -271,8 +268,11 @@ class _Search:
                 if pose is not None:
                     yield pose
 
-    def fitted(self, guess: PadPose) -> _Fit | None:
-        """The guess brought onto the edges in steps of shrinking reach."""
+    def fitted(self, guess: PadPose, *, trusting: bool = False) -> _Fit | None:
+        """The guess brought onto the edges in steps of shrinking reach.
+
+        ``trusting`` that it names the right triple, an inner circle that does not show says nothing.
+        """
         pose, config = guess, self.config
         fit: _Fit | None = None
         for reach, within, sigma in ((0.0, np.inf, 0.6), (2.5, np.inf, 0.3), (2.5, config.edge_within_px, 0.2)):
@@ -287,7 +287,7 @@ class _Search:
                 return None
             pose = solution.pose
             if np.isfinite(within) and not (
-                self._largest_is_there(*there, edges) and self._as_described(there[0], edges, pose)
+                self._largest_is_there(*there, edges) and self._as_described(there[0], edges, pose, trusting)
             ):
                 return None
             fit = _Fit(solution, edges, share, min(self.rings[i].triple for i in set(there[0].ring.tolist())))
@@ -309,10 +309,10 @@ class _Search:
             return True
         return bool(np.count_nonzero(edges.samples.ring // 3 == triple) >= self.config.largest_share * wanted)
 
-    def _as_described(self, samples: Samples, edges: Edges, pose: PadPose) -> bool:
+    def _as_described(self, samples: Samples, edges: Edges, pose: PadPose, trusting: bool) -> bool:
         """Whether the rings' ratios and sizes, read off their edges, are those of the description.
 
-        A ring whose outer circle shows and whose inner one does not is one with another ratio.
+        A ring whose outer circle shows and whose inner one does not is one with another ratio, unless ``trusting``.
         """
         away = distances(edges, pose)
         sought, found = (
@@ -324,7 +324,7 @@ class _Search:
         per_m = self.camera.fx_px / float(pose.pad_in_camera_m[2])
         large = np.array([per_m * ring.outer_m >= self.config.told_radius_px for ring in self.rings])
         lacks = large & (sought[1] >= 8) & (share[0] > self.config.outer_shows) & (share[1] < self.config.inner_lacks)
-        if np.any(lacks) and not self.trusting:
+        if np.any(lacks) and not trusting:
             return False
         for number in set(edges.samples.ring.tolist()):
             outer = (edges.samples.ring == number) & (edges.samples.rises > 0.0)
