@@ -183,6 +183,55 @@ class VideoOffset:
     reason: str = ""
 
 
+class PadMode(StrEnum):
+    """How the place relative to the landing pad is known.
+
+    ``searching``: no picture has shown it. ``tracking``: a picture has, just now. ``dead_reckoning``: carried on since
+    the last that did, while the stated sigma is still small. ``lost``: carried on for too long to land by.
+    """
+
+    SEARCHING = "searching"
+    TRACKING = "tracking"
+    DEAD_RECKONING = "dead_reckoning"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PadSeen:
+    """The pad in one picture: pad coordinates turn by ``camera_from_pad`` (3, 3), its centre at ``pad_in_camera_m``.
+
+    ``triple`` is the largest that was used (0 the pad's largest, -1 for tags), ``seen_share`` of its edges were there.
+    """
+
+    t_us: int
+    frame_id: int
+    camera_from_pad: Float
+    pad_in_camera_m: Float
+    triple: int
+    seen_share: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PadRelative:
+    """Where the vehicle is relative to the landing pad.
+
+    ``pos_ned_m`` (3,) leads from the pad's centre to the vehicle's reference point, axes north, east, down;
+    ``vel_ned_m_s`` (3,). Covariances (3, 3) of both are of the pad's estimate too, so they are smaller than the
+    position's on the map. ``q_ned_from_pad`` (4,) is the pad's own attitude. ``age_s`` counts from the last accepted
+    picture of it, infinity before the first; ``reason`` says why the latest picture was not used, empty where it was.
+    """
+
+    mode: PadMode
+    pos_ned_m: Float
+    vel_ned_m_s: Float
+    cov_pos_ned_m2: Float
+    cov_vel_ned_m2_s2: Float
+    q_ned_from_pad: Float
+    age_s: float
+    reason: str = ""
+    seen: PadSeen | None = None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class NavigationState:
     """Where the vehicle is at ``t_us`` and how sure that is.
@@ -198,6 +247,7 @@ class NavigationState:
     ``cov_motion`` (10, 10) is of position, velocity, attitude and ground bias together, None where it is not kept.
     ``boresight_rad`` (3,), covariance ``cov_boresight_rad2`` (3, 3), is the small rotation about the axes of body or
     gimbal frame from the stated mount to the true one; None where it is not estimated.
+    ``pad`` is the place relative to the landing pad, None where no pad was described.
     """
 
     t_us: int
@@ -224,6 +274,7 @@ class NavigationState:
     ground_bias_m: float = 0.0
     cov_ground_bias: Float | None = None
     cov_motion: Float | None = None
+    pad: PadRelative | None = None
 
     @property
     def lens_ned_m(self) -> Float:
