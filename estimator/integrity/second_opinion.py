@@ -3,7 +3,7 @@
 The filter holds one place, and a picture that it has believed narrows the search of the next. Here a density over where
 the vehicle is from the estimate lives on: each picture multiplies its whole likelihood into it, nothing is cut to one
 peak, and a little always stays everywhere. Where filter and density part it has been the density that was right
-(ADR 0016).
+(ADR 0017).
 """
 
 from __future__ import annotations
