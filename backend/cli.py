@@ -82,6 +82,7 @@ def serve(
     ] = None,
     map: Annotated[str | None, typer.Option(help="Reference map: a file, or a map of the library.")] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file: the camera section of a flight.json.")] = None,
+    pad: Annotated[Path | None, typer.Option(help="Landing pad: the description that 'pilotage pad' writes.")] = None,
     time_offset_s: Annotated[float | None, typer.Option(help="Added to the times of unstamped video.")] = None,
     flights: Annotated[
         list[Path] | None, typer.Option(help="Further folders of flights, read only  (repeatable)")
@@ -96,7 +97,7 @@ def serve(
     configure_logging()
     settings = load_settings(
         config, host=host, port=port, data_dir=data_dir, mavlink=tuple(mavlink) if mavlink else None, video=video,
-        map=map, camera=camera, time_offset_s=time_offset_s, flights=tuple(flights) if flights else None,
+        map=map, camera=camera, pad=pad, time_offset_s=time_offset_s, flights=tuple(flights) if flights else None,
         cot=tuple(cot) if cot else None, record=record or None,
     )  # fmt: skip
 

@@ -36,6 +36,7 @@ class Settings(BaseSettings):
     video: str | None = "udp://0.0.0.0:5600"
     map: str | None = None
     camera: Path | None = None
+    pad: Path | None = None
     time_offset_s: float | None = Field(default=None, ge=-10, le=10)
     flights: Annotated[tuple[Path, ...], NoDecode] = ()
     cot: Annotated[tuple[str, ...], NoDecode] = ()

@@ -1,0 +1,81 @@
+"""What is said of a landing: plain fields, degrees, None where nothing is known."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from backend.fleet.messages import finite
+from backend.landing.view import outlines_px
+from backend.navigation.setup import NavigationSetup
+from backend.schemas.landing import PadBody, RingBody, TagBody
+from estimator.geometry.rotation import euler_from_q, matrix_from_q
+from estimator.landing.pad import Pad, TagPad
+from estimator.types import NavigationState, PadRelative
+from geodata.pad_file import as_description
+
+_PLACE = (
+    "north_m", "east_m", "height_m", "sink_m_s", "speed_m_s", "ahead_m", "right_m", "x_m", "y_m", "heading_on_pad_deg",
+    "std_horizontal_m", "std_height_m", "std_velocity_m_s",
+)  # fmt: skip
+
+
+def pad_body(pad: Pad) -> PadBody:
+    """A pad as the page draws it."""
+    rings = [] if isinstance(pad, TagPad) else pad.rings
+    tags = pad.tags if isinstance(pad, TagPad) else ()
+    return PadBody(
+        name=pad.name, kind="tags" if isinstance(pad, TagPad) else "circles",
+        rings=[RingBody(x_m=r.x_m, y_m=r.y_m, outer_m=r.outer_m, inner_m=r.inner_m, triple=r.triple) for r in rings],
+        tags=[TagBody(number=t.number, x_m=t.x_m, y_m=t.y_m, side_m=t.side_m) for t in tags],
+        description=as_description(pad),
+    )  # fmt: skip
+
+
+def place_fields(state: NavigationState | None, setup: NavigationSetup | None) -> dict[str, Any]:
+    """Where the vehicle is relative to the pad, and what the newest picture that showed it showed."""
+    pad = None if setup is None else setup.pad
+    relative = None if state is None else state.pad
+    fields: dict[str, Any] = {
+        "t_state_unix_us": None if state is None else state.t_us, "pad": None if pad is None else pad.name,
+        "mode": None, "reason": "" if pad is not None else "no pad is described", "age_s": None, "seen": None,
+        **dict.fromkeys(_PLACE),
+    }  # fmt: skip
+    if state is None or relative is None or setup is None or pad is None:
+        return fields
+    fields.update(mode=str(relative.mode), reason=relative.reason, age_s=finite(relative.age_s))
+    fields.update({name: finite(value) for name, value in _place(state, relative).items()})
+    seen = relative.seen
+    if seen is not None:
+        fields["seen"] = {
+            "frame_id": seen.frame_id, "t_frame_unix_us": seen.t_us, "width_px": setup.camera.width_px,
+            "height_px": setup.camera.height_px, "triple": seen.triple, "seen_share": round(float(seen.seen_share), 3),
+            "outlines_px": outlines_px(seen, setup.camera, pad),
+        }  # fmt: skip
+    return fields
+
+
+def _place(state: NavigationState, relative: PadRelative) -> dict[str, float]:
+    north, east, down = (float(value) for value in relative.pos_ned_m)
+    vn, ve, vd = (float(value) for value in relative.vel_ned_m_s)
+    x, y, _ = (float(value) for value in matrix_from_q(relative.q_ned_from_pad).T @ relative.pos_ned_m)
+    heading = float(euler_from_q(state.q_ned_from_body)[2])
+    pad_heading = float(euler_from_q(relative.q_ned_from_pad)[2])
+    sin, cos = math.sin(heading), math.cos(heading)
+    return {
+        "north_m": north, "east_m": east, "height_m": -down, "sink_m_s": vd, "speed_m_s": math.hypot(vn, ve),
+        "ahead_m": -north * cos - east * sin, "right_m": north * sin - east * cos, "x_m": x, "y_m": y,
+        "heading_on_pad_deg": math.degrees(heading - pad_heading) % 360.0,
+        "std_horizontal_m": worst_std(relative.cov_pos_ned_m2[:2, :2]),
+        "std_height_m": worst_std(relative.cov_pos_ned_m2[2:, 2:]),
+        "std_velocity_m_s": worst_std(relative.cov_vel_ned_m2_s2),
+    }  # fmt: skip
+
+
+def worst_std(cov: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    """One sigma along the direction in which it is largest; NaN where the covariance is not known."""
+    if not np.all(np.isfinite(cov)):
+        return math.nan
+    return math.sqrt(max(float(np.linalg.eigvalsh(cov)[-1]), 0.0))

@@ -1,0 +1,181 @@
+"""Landing on the pad, as far as the station has to do with it: who is told what, and when it ends."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from backend.clock import mono_us, unix_us
+from backend.errors import CommandRefusedError, ConflictError, NoPadError, NoPadViewError, StationError
+from backend.fleet.links import LinkEndpoint
+from backend.fleet.vehicle import LiveVehicle
+from backend.landing.aiding import Aiding
+from backend.landing.messages import place_fields
+from backend.landing.pads import Pads
+from backend.landing.pages import Pages
+from backend.landing.view import PadView, Pictures, pad_view
+from backend.link.landing_target import LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ, TargetForm, form_for
+from backend.navigation.worker import StateUpdate
+from backend.schemas.landing import LandingRequest
+from estimator.landing.pad import Pad
+from estimator.types import FrameSample, Mode
+
+STALE_US = 500_000
+VIEW_OF_US = 3_000_000
+
+_log = structlog.get_logger(__name__)
+
+
+class Landings:
+    """The pad, and what was asked for each vehicle. Lives on the event loop; ``say`` publishes a message."""
+
+    def __init__(
+        self, data_dir: Path, vehicles: Callable[[], dict[str, LiveVehicle]],
+        link_of: Callable[[LiveVehicle], LinkEndpoint | None], say: Callable[..., None],
+    ) -> None:  # fmt: skip
+        self.pads = Pads(data_dir)
+        self.pages = Pages()
+        self._pictures = Pictures()
+        self._vehicles = vehicles
+        self._link_of = link_of
+        self._say = say
+        self._aiding: dict[str, Aiding] = {}
+
+    # --- the pad ---
+
+    @property
+    def pad(self) -> Pad:
+        """The pad that is looked for, or NoPadError."""
+        if self.pads.pad is None:
+            raise NoPadError
+        return self.pads.pad
+
+    def change_pad(self, description: object | None) -> None:
+        """Look for another pad, or for none. The estimators begin anew with it, so not while one carries a flight."""
+        for vehicle in self._vehicles().values():
+            state = None if vehicle.latest is None else vehicle.latest.state
+            if vehicle.connected and vehicle.telemetry.armed and state is not None and state.mode is not Mode.GPS:
+                raise ConflictError(
+                    f"vehicle '{vehicle.id}' flies without GPS: another pad has its estimator begin anew, which would "
+                    "lose where it is; give GPS back or land first"
+                )
+        if description is None:
+            self.pads.remove()
+            self._pictures.clear()
+        else:
+            try:
+                self.pads.give(description)
+            except OSError as error:
+                raise StationError(f"the pad's description cannot be kept: {error.strerror or error}") from None
+        for vehicle in self._vehicles().values():
+            vehicle.look_for(self.pads.pad)
+            self._publish(vehicle)
+        self._say("pad", name=None if self.pads.pad is None else self.pads.pad.name)
+
+    # --- what is asked ---
+
+    def ask(self, vehicle: LiveVehicle, body: LandingRequest) -> None:
+        """Begin or end what a request says; its errors say why that cannot be."""
+        if body.aiding is True:
+            self._begin_aiding(vehicle, body.page)
+        elif body.aiding is False:
+            self._aiding.pop(vehicle.id, None)
+        self._publish(vehicle)
+
+    def _begin_aiding(self, vehicle: LiveVehicle, page: str | None) -> None:
+        name = self._page(page)
+        _ = self.pad
+        try:
+            form = form_for(vehicle.autopilot)
+        except ValueError as error:
+            raise CommandRefusedError(str(error)) from None
+        link = self._link(vehicle)
+        if form is TargetForm.LOCAL:
+            link.link.request_rate(vehicle.system_id, LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ)
+            link.send_soon()
+        self._aiding[vehicle.id] = Aiding(form, name)
+
+    def _page(self, page: str | None) -> str:
+        if page is None or not self.pages.is_there(page, mono_us()):
+            raise ConflictError(
+                "this ends with the page that began it: open /api/v1/stream?page=NAME and give the same name as 'page'"
+            )
+        return page
+
+    def _link(self, vehicle: LiveVehicle) -> LinkEndpoint:
+        link = self._link_of(vehicle)
+        if link is None or not vehicle.connected:
+            raise CommandRefusedError(f"vehicle '{vehicle.id}' is not connected")
+        return link
+
+    # --- what happens ---
+
+    def on_picture(self, picture: FrameSample) -> None:
+        """A picture for the estimator, in the decoder's thread."""
+        if self.pads.pad is not None:
+            self._pictures.take(picture)
+
+    def on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
+        """A vehicle's new state: with each goes what is sent to the vehicle."""
+        aiding = self._aiding.get(vehicle.id)
+        if aiding is None:
+            return
+        link, message = self._link_of(vehicle), aiding.message(vehicle, update.state)
+        if link is not None and message is not None:
+            link.link.send_message(message)
+            link.send_soon()
+
+    def tick(self) -> None:
+        """Ten times a second: end what nobody looks after any more, and tell how it stands."""
+        now_us = unix_us()
+        for vehicle in self._vehicles().values():
+            aiding = self._aiding.get(vehicle.id)
+            if aiding is not None and not self.pages.is_there(aiding.page, mono_us()):
+                del self._aiding[vehicle.id]
+                self._tell(vehicle, "aiding_ended", "LANDING_TARGET is sent no more: the page that began it has gone")
+            elif aiding is not None and (vehicle.latest is None or now_us - vehicle.latest.state.t_us > STALE_US):
+                aiding.silent("the estimator gives no state")
+            if self.pads.pad is not None or aiding is not None:
+                self._publish(vehicle)
+
+    # --- what is told ---
+
+    def message(self, vehicle: LiveVehicle) -> dict[str, Any]:
+        """Fields of the ``landing`` message."""
+        aiding = self._aiding.get(vehicle.id)
+        state = None if vehicle.latest is None else vehicle.latest.state
+        told: dict[str, Any] = {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}
+        if aiding is not None:
+            told = {
+                "on": True, "form": str(aiding.form), "sending": aiding.sending, "sent": aiding.sent,
+                "reason": aiding.reason,
+            }  # fmt: skip
+        return {"vehicle_id": vehicle.id, **place_fields(state, vehicle.setup), "aiding": told}
+
+    async def view(self, vehicle: LiveVehicle) -> PadView:
+        """The newest picture that showed the pad, as from straight above it; NoPadViewError when there is none."""
+        pad, setup = self.pad, vehicle.setup
+        relative = None if vehicle.latest is None else vehicle.latest.state.pad
+        seen = None if relative is None else relative.seen
+        if setup is None or seen is None or unix_us() - seen.t_us > VIEW_OF_US:
+            raise NoPadViewError(vehicle.id)
+        picture = self._pictures.get(seen.frame_id)
+        if picture is None:
+            raise NoPadViewError(vehicle.id)
+        return await asyncio.to_thread(pad_view, picture, seen, setup.camera, pad)
+
+    def _publish(self, vehicle: LiveVehicle) -> None:
+        self._say("landing", **self.message(vehicle))
+
+    def _tell(self, vehicle: LiveVehicle, code: str, text: str) -> None:
+        """A passing alarm: it is told, and does not stand."""
+        now_us = unix_us()
+        _log.warning("landing", vehicle=vehicle.id, code=code, text=text)
+        self._say(
+            "alarm", id=f"{code}:{vehicle.id}:{now_us}", vehicle_id=vehicle.id, severity="warning", code=code,
+            text=f"vehicle {vehicle.id}: {text}", active=False, since_unix_us=now_us,
+        )  # fmt: skip

@@ -1,0 +1,238 @@
+"""Aiding over real sockets: who may begin it, what the autopilot hears, and when it ends."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import socket
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from backend.clock import unix_us
+from backend.demo import free_udp_ports
+from backend.fleet.vehicle import LiveVehicle
+from backend.landing import pages
+from backend.navigation.worker import StateUpdate
+from estimator.types import NavigationState, PadMode
+from geodata.pad_file import as_description
+from tests.backend.landing.relative import PAD, over_pad
+from tests.backend.link.wire import ARDUPILOT, PX4, Sender, dialect, parsed
+from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
+
+PAGE = "page-of-the-test"
+SENT = "LANDING_TARGET"
+
+
+class Pilot:
+    """An autopilot that only lives: heartbeats, and what it hears."""
+
+    def __init__(self, port: int, autopilot: int) -> None:
+        self.autopilot = autopilot
+        self.wire = Sender()
+        self.heard: list[Any] = []
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._target = ("127.0.0.1", port)
+
+    def send(self, data: bytes) -> None:
+        self._socket.sendto(data, self._target)
+
+    def step(self) -> None:
+        self.send(self.wire.heartbeat(2, self.autopilot))
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                for message in parsed([self._socket.recv(2048)]):
+                    self.heard.append(message)
+                    if message.get_type() == "COMMAND_LONG":
+                        self.send(self.wire.ack(message.command, 0))
+
+    def of(self, kind: str) -> list[Any]:
+        return [message for message in self.heard if message.get_type() == kind]
+
+    async def hears(self, kind: str, count: int = 1) -> list[Any]:
+        async with asyncio.timeout(PATIENCE_S):
+            while len(self.of(kind)) < count:
+                await asyncio.sleep(0.01)
+        return self.of(kind)
+
+    async def live(self) -> None:
+        while True:
+            self.step()
+            await asyncio.sleep(0.02)
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class Scene:
+    """A station, a vehicle on its link whose states the test gives, and a page."""
+
+    def __init__(self, running: RunningStation, pilot: Pilot, stream: Any) -> None:
+        self.running, self.pilot, self.stream = running, pilot, stream
+
+    @property
+    def vehicle(self) -> LiveVehicle:
+        return self.running.station.live_vehicle("1")
+
+    def give(self, state: NavigationState) -> None:
+        """What the vehicle's estimator would do with a state."""
+        self.vehicle._take_state(StateUpdate(state, self.vehicle._epoch + 1, True))
+
+    async def ask(self, **body: Any) -> Any:
+        return await self.running.client.post("/api/v1/vehicles/1/landing", json=body)
+
+
+@contextlib.asynccontextmanager
+async def scene(tmp_path: Path, autopilot: int = ARDUPILOT, *, pad: bool = True) -> AsyncIterator[Scene]:
+    (port,) = free_udp_ports(1)
+    pilot = Pilot(port, autopilot)
+    async with (
+        running_station(tmp_path, mavlink=(f"udpin:127.0.0.1:{port}",)) as running,
+        running.stream(page=PAGE) as stream,
+    ):
+        await next_of(stream, "hello")
+        living = asyncio.create_task(pilot.live())
+        await next_of(stream, "vehicle")
+        if pad:
+            assert (await running.client.put("/api/v1/pad", json=as_description(PAD))).status_code == 200
+        try:
+            yield Scene(running, pilot, stream)
+        finally:
+            living.cancel()
+            await asyncio.gather(living, return_exceptions=True)
+            pilot.close()
+
+
+async def test_nothing_is_sent_until_the_operator_asks(tmp_path: Path) -> None:
+    async with scene(tmp_path) as flown:
+        flown.give(over_pad(unix_us()))
+        await flown.pilot.hears("HEARTBEAT", 1)
+        answer = await flown.running.client.get("/api/v1/vehicles/1/landing")
+        assert answer.json()["aiding"] == {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}
+        assert (answer.json()["mode"], answer.json()["height_m"]) == (None, None)  # its estimator has no pad
+        assert (await flown.ask(page=PAGE, aiding=True)).status_code == 200
+        flown.give(over_pad(unix_us()))
+        await flown.pilot.hears(SENT)
+
+    assert len(flown.pilot.of(SENT)) == 1
+
+
+async def test_an_ardupilot_hears_where_the_pad_is_from_its_body(tmp_path: Path) -> None:
+    """Heading east, 8 m up, 0.6 m north and 0.4 m west of the pad: 0.4 m ahead, 0.6 m to the right, 8 m below."""
+    async with scene(tmp_path) as flown:
+        await flown.ask(page=PAGE, aiding=True)
+        times = []
+        for _ in range(5):
+            times.append(unix_us())
+            flown.give(over_pad(times[-1], heading_deg=90.0))
+        heard = await flown.pilot.hears(SENT, 5)
+        told = (await flown.running.client.get("/api/v1/vehicles/1/landing")).json()["aiding"]
+
+    assert [message.time_usec for message in heard] == times
+    assert all((m.frame, m.position_valid, m.type) == (12, 1, 2) for m in heard)
+    assert (heard[0].x, heard[0].y, heard[0].z) == pytest.approx((0.4, 0.6, 8.0), abs=1e-6)
+    assert told == {"on": True, "form": "body", "sending": True, "sent": 5, "reason": ""}
+
+
+async def test_a_pad_that_is_lost_is_not_told_of_and_a_found_one_again(tmp_path: Path) -> None:
+    async with scene(tmp_path) as flown:
+        await flown.ask(page=PAGE, aiding=True)
+        modes = [PadMode.SEARCHING, PadMode.TRACKING, PadMode.DEAD_RECKONING, PadMode.LOST, PadMode.TRACKING]
+        reasons = []
+        t0_us = unix_us()
+        for number, mode in enumerate(modes):
+            flown.give(over_pad(t0_us + number, mode=mode, reason="" if mode is PadMode.TRACKING else "covered"))
+            reasons.append((await flown.ask()).json()["aiding"]["reason"])
+        heard = await flown.pilot.hears(SENT, 3)
+
+    assert [message.time_usec - t0_us for message in heard] == [1, 2, 4]
+    assert reasons == ["the pad is not found: covered", "", "", "the pad is lost: covered", ""]
+
+
+async def test_a_px4_is_asked_for_its_own_place_and_told_the_pad_s_in_it(tmp_path: Path) -> None:
+    async with scene(tmp_path, PX4) as flown:
+        await flown.ask(page=PAGE, aiding=True)
+        flown.give(over_pad(unix_us()))
+        first = (await flown.ask()).json()["aiding"]
+        await flown.pilot.hears("COMMAND_LONG", 5)
+        async with asyncio.timeout(PATIENCE_S):
+            while not [m for m in flown.pilot.of("COMMAND_LONG") if (m.command, m.param1) == (511, 32)]:
+                await asyncio.sleep(0.01)
+        while flown.vehicle.local_position is None:
+            flown.pilot.send(
+                flown.pilot.wire.pack(dialect.MAVLink_local_position_ned_message(1000, 100.0, 50.0, -20.0, 0, 0, 0))
+            )
+            await asyncio.sleep(0.01)
+        flown.give(over_pad(unix_us()))
+        (heard,) = await flown.pilot.hears(SENT)
+
+    assert (first["form"], first["sending"]) == ("local", False)
+    assert "LOCAL_POSITION_NED" in first["reason"]
+    assert (heard.frame, heard.position_valid) == (1, 1)
+    assert (heard.x, heard.y, heard.z) == pytest.approx((99.4, 50.4, -12.0), abs=1e-5)
+
+
+async def test_it_ends_with_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pages, "GONE_US", 0)
+    async with scene(tmp_path) as flown, flown.running.stream() as other:
+        await next_of(other, "hello")
+        await flown.ask(page=PAGE, aiding=True)
+        await flown.stream.close()
+        while (alarm := await next_of(other, "alarm"))["code"] != "aiding_ended":
+            pass
+        flown.give(over_pad(unix_us()))
+        told = (await flown.running.client.get("/api/v1/vehicles/1/landing")).json()
+
+    assert "the page that began it has gone" in alarm["text"]
+    assert told["aiding"]["on"] is False
+    assert flown.pilot.of(SENT) == []
+
+
+async def test_who_may_not_begin_it_is_told_why(tmp_path: Path) -> None:
+    async with scene(tmp_path, 0, pad=False) as flown:
+        stranger = await flown.ask(page="stranger", aiding=True)
+        nobody = await flown.ask(aiding=True)
+        no_pad = await flown.ask(page=PAGE, aiding=True)
+        await flown.running.client.put("/api/v1/pad", json=as_description(PAD))
+        unknown_kind = await flown.ask(page=PAGE, aiding=True)
+        no_vehicle = await flown.running.client.post("/api/v1/vehicles/9/landing", json={"aiding": False})
+
+    assert [a.status_code for a in (stranger, nobody, no_pad, unknown_kind, no_vehicle)] == [409, 409, 404, 409, 404]
+    assert "/api/v1/stream?page=NAME" in stranger.json()["detail"]
+    assert "no landing pad is described" in no_pad.json()["detail"]
+    assert "ArduPilot or PX4" in unknown_kind.json()["detail"]
+
+
+async def test_another_pad_has_to_wait_while_a_flight_without_gps_hangs_on_the_estimator(tmp_path: Path) -> None:
+    async with scene(tmp_path) as flown:
+        flown.give(over_pad(unix_us()))  # its mode is vision
+        while not flown.vehicle.telemetry.armed:
+            await asyncio.sleep(0.01)
+        refused = await flown.running.client.delete("/api/v1/pad")
+        kept = await flown.running.client.get("/api/v1/pad")
+
+    assert refused.status_code == 409
+    assert "without GPS" in refused.json()["detail"]
+    assert kept.status_code == 200
+
+
+async def test_the_pad_over_rest(tmp_path: Path) -> None:
+    async with scene(tmp_path, pad=False) as flown:
+        client = flown.running.client
+        none = await client.get("/api/v1/pad")
+        wrong = await client.put("/api/v1/pad", json={"schema": "pilotage.pad/1", "kind": "circles"})
+        given = await client.put("/api/v1/pad", json=as_description(PAD))
+        message = await next_of(flown.stream, "pad")
+        view = await client.get("/api/v1/vehicles/1/landing/view")
+        gone = await client.delete("/api/v1/pad")
+        after = await client.get("/api/v1/pad")
+
+    assert (none.status_code, wrong.status_code, given.status_code) == (404, 422, 200)
+    assert "circles.name" in wrong.json()["detail"]
+    assert given.json()["name"] == message["name"] == "test pad"
+    assert view.status_code == 404
+    assert "shown the landing pad" in view.json()["detail"]
+    assert (gone.status_code, after.status_code) == (204, 404)
