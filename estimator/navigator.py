@@ -15,8 +15,9 @@ from functools import partial
 import numpy as np
 
 from estimator.ahead import Ahead
-from estimator.filters.eskf import ErrorStateFilter, InnovationTally, Layout
+from estimator.filters.eskf import ErrorStateFilter, InnovationTally
 from estimator.filters.initialise import FirstEstimate, InitialConditions, aligned
+from estimator.filters.nominal import Layout
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from estimator.filters.eskf import Clone, ErrorStateFilter
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.filters.nominal import Clone
 from estimator.geometry.camera import Camera
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix
 from estimator.history import rotation_between

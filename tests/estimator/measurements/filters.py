@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import STATE_GROUPS, Clone, Layout, Nominal
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.rotation import q_from_euler
 
