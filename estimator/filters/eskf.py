@@ -8,7 +8,8 @@ place to place and as a region. The last three change with the ground flown over
 of the imagery as a whole is not estimated until ``learn_map_offset`` says that there is one. Then come stochastic
 clones of the position and the camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous
 picture and at the last keyframe, which make visual odometry an ordinary measurement, and the common errors of the
-heights that points have by the last two keyframes.
+heights that points have by the last two keyframes. A landing pad is a landmark: its place and attitude are states from
+the first picture that shows it.
 """
 
 from __future__ import annotations
@@ -20,15 +21,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.filters.kalman import correct
-from estimator.filters.nominal import Clone, Layout, Nominal
+from estimator.filters.nominal import PAD_GROUPS, Clone, Layout, Nominal, PadPlace
 from estimator.filters.strapdown import EarthModel, Motion, propagate
 from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise, skew
+from estimator.history import rotation_between
 from estimator.types import Float
 
 _MOTION = 9
 _P, _V, _A = slice(0, 3), slice(3, 6), slice(6, 9)
 """Position, velocity and attitude: always there, and first."""
-_ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
+_ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation", "pad_rotation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +57,9 @@ class ProcessNoise:
     map_region_length_m: float = 1500.0
     gnss_bias_std_m: float = 0.9
     gnss_bias_time_s: float = 70.0
+    # a pad lies still: what its picture errs by alike changes with the distance
+    pad_position_m_rt_s: float = 0.002
+    pad_rotation_rad_rt_s: float = 1e-4
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
 
@@ -159,6 +164,8 @@ class ErrorStateFilter:
             "boresight": noise.boresight_rad_rt_s,
             "attitude_bias": np.array(noise.attitude_bias_std_rad) * np.sqrt(2.0 / noise.attitude_bias_time_s),
             "gnss_bias": noise.gnss_bias_std_m * np.sqrt(2.0 / noise.gnss_bias_time_s),
+            "pad_position": noise.pad_position_m_rt_s,
+            "pad_rotation": noise.pad_rotation_rad_rt_s,
         }
         for name, density in rates.items():
             where = self.layout.slices.get(name)
@@ -190,6 +197,14 @@ class ErrorStateFilter:
         diagonal += self._motion_noise * dt_s + self._renewed_m2 * (1.0 - kept * kept)
         diagonal[_P] += self.noise.accelerometer_m_s2_rt_s**2 * dt_s**3 / 3.0
         self.nominal = nominal.moved(propagate(nominal.motion, rate, force, dt_s, self.earth), kept, index)
+
+    def predict_by_reports(self, q_before: Float | None, q_now: Float | None, dt_s: float) -> None:
+        """Advance by ``dt_s`` by how the reported attitude changes; where it is not known at either end it stays."""
+        q, noise = self.nominal.motion.q_ned_from_body, self.noise
+        if q_before is not None and q_now is not None:
+            correction = rotation_between(q_before, q) * np.exp(-dt_s / noise.attitude_bias_time_s)
+            q = q_normalise(q_multiply(q_from_rotvec(correction), q_now))
+        self.predict_attitude_driven(q, np.array(noise.attitude_bias_std_rad), noise.attitude_bias_time_s, dt_s)
 
     def predict_attitude_driven(
         self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
@@ -292,6 +307,7 @@ class ErrorStateFilter:
             clone=self._moved_clone(nominal.clone, "clone", dx),
             keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
             structure_m=moved("structure", nominal.structure_m),
+            pad=self._moved_pad(nominal.pad, dx),
         )
         if float(rotation @ rotation) > 1e-4:
             self._turn_rotation_errors(dx)
@@ -318,6 +334,24 @@ class ErrorStateFilter:
         return Clone(
             clone.pos_ned_m + dx[part[f"{name}_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
         )
+
+    def _moved_pad(self, pad: PadPlace | None, dx: Float) -> PadPlace | None:
+        if pad is None or not self.layout.has("pad_position"):
+            return pad
+        part = self.layout.slices
+        turn = q_from_rotvec(dx[part["pad_rotation"]])
+        return PadPlace(
+            pad.pos_ned_m + dx[part["pad_position"]], q_normalise(q_multiply(turn, pad.q_ned_from_pad))
+        )  # fmt: skip
+
+    def place_pad(self, pad: PadPlace, position_std_m: Float, rotation_std_rad: Float) -> None:
+        """Begin with a pad there, known to so much (3,) each and by nothing else that is estimated."""
+        for name, std in zip(PAD_GROUPS, (position_std_m, rotation_std_rad), strict=True):
+            where = self.layout.slices[name]
+            self.P[where] = 0.0
+            self.P[:, where] = 0.0
+            self.P[where, where] = np.diag(np.square(std))
+        self.nominal = replace(self.nominal, pad=pad)
 
     def copied(self) -> ErrorStateFilter:
         """One with the same estimate that can be carried on by itself."""

@@ -12,8 +12,10 @@ from estimator.types import Float
 STATE_GROUPS = (
     "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
     "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "gnss_bias", "clone_position",
-    "clone_rotation", "keyframe_position", "keyframe_rotation", "structure",
+    "clone_rotation", "keyframe_position", "keyframe_rotation", "structure", "pad_position", "pad_rotation",
 )  # fmt: skip
+PAD_GROUPS = ("pad_position", "pad_rotation")
+"""Of a landing pad: position of its centre and small rotation, both about the NED axes."""
 _SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_region": 2, "map_offset": 2, "gnss_bias": 2}
 
 
@@ -63,8 +65,16 @@ class Clone:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PadPlace:
+    """Where a landing pad lies, as now estimated: its centre (3,) NED and its attitude."""
+
+    pos_ned_m: Float
+    q_ned_from_pad: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Nominal:
-    """The estimate itself: motion and biases."""
+    """The estimate itself: motion, biases, and the landing pad once it has been seen."""
 
     motion: Motion
     accelerometer_bias_m_s2: Float
@@ -80,6 +90,7 @@ class Nominal:
     clone: Clone | None = None
     keyframe: Clone | None = None
     structure_m: Float = field(default_factory=lambda: np.zeros(3))
+    pad: PadPlace | None = None
 
     def moved(self, motion: Motion, kept: Float, index: dict[str, slice]) -> Nominal:
         """After a step that left so much (size,) of each state.
@@ -96,7 +107,7 @@ class Nominal:
             self.map_region_ne_m if region is None else self.map_region_ne_m * kept[region],
             self.map_offset_ne_m,
             self.gnss_bias_ne_m if satellites is None else self.gnss_bias_ne_m * kept[satellites],
-            self.clone, self.keyframe, self.structure_m,
+            self.clone, self.keyframe, self.structure_m, self.pad,
         )  # fmt: skip
 
     @property
