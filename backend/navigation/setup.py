@@ -122,7 +122,9 @@ class NavigationSetup:
             ground_bias_length_m=(noise.ground_bias_length_m[0], length_m),
         )
         config = replace(config, noise=noise)
-        return Navigator(config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground)
+        return Navigator(
+            config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground, pad=self.pad
+        )
 
 
 def read_camera_profile(path: Path) -> CameraProfile:
