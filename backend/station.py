@@ -81,7 +81,10 @@ class Station:
         self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
         self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
-        self.landings = Landings(settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish)
+        self.landings = Landings(
+            settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command,
+            settings.gear_height_m,
+        )  # fmt: skip
         self.placing = Placing(
             self.maps, settings.time_offset_s, lambda: self.profile,
             lambda: None if self.camera is None else self.camera.size_px, lambda: self.landings.pads.pad,
@@ -162,6 +165,7 @@ class Station:
     async def stop(self) -> None:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
+        await self.landings.close()
         await self._ticker.stop()
         await self.placing.close()
         if self.recorder.status.active:
@@ -264,9 +268,14 @@ class Station:
     def command(self, vehicle_id: str, body: CommandBody) -> str:
         """Send a command; returns the id under which its acknowledgement will come."""
         vehicle = self.live_vehicle(vehicle_id)
+        command_id = self._send_command(vehicle, body)
+        self.landings.pilot.overrule(vehicle, body.command)
+        return command_id
+
+    def _send_command(self, vehicle: LiveVehicle, body: CommandBody) -> str:
         link = self._link_of(vehicle)
         if link is None or not vehicle.connected:
-            raise CommandRefusedError(f"vehicle '{vehicle_id}' is not connected")
+            raise CommandRefusedError(f"vehicle '{vehicle.id}' is not connected")
         command_id = str(uuid.uuid4())
         frame = None if body.frame_id is None else self.frame_of(vehicle, body.frame_id)
         link_id = send_command(link.link, vehicle, body, frame)

@@ -13,12 +13,13 @@ from backend.navigation.setup import NavigationSetup
 from backend.schemas.landing import PadBody, RingBody, TagBody
 from estimator.geometry.rotation import euler_from_q, matrix_from_q
 from estimator.landing.pad import Pad, TagPad
-from estimator.types import NavigationState, PadRelative
+from estimator.measurements.pad_tracking import PadConfig
+from estimator.types import NavigationState, PadMode, PadRelative
 from geodata.pad_file import as_description
 
 _PLACE = (
     "north_m", "east_m", "height_m", "sink_m_s", "speed_m_s", "ahead_m", "right_m", "x_m", "y_m", "heading_on_pad_deg",
-    "std_horizontal_m", "std_height_m", "std_velocity_m_s",
+    "std_horizontal_m", "std_height_m", "std_velocity_m_s", "coast_left_s",
 )  # fmt: skip
 
 
@@ -70,8 +71,23 @@ def _place(state: NavigationState, relative: PadRelative) -> dict[str, float]:
         "heading_on_pad_deg": math.degrees(heading - pad_heading) % 360.0,
         "std_horizontal_m": worst_std(relative.cov_pos_ned_m2[:2, :2]),
         "std_height_m": worst_std(relative.cov_pos_ned_m2[2:, 2:]),
-        "std_velocity_m_s": worst_std(relative.cov_vel_ned_m2_s2),
+        "std_velocity_m_s": worst_std(relative.cov_vel_ned_m2_s2), "coast_left_s": coast_left_s(relative),
     }  # fmt: skip
+
+
+def coast_left_s(relative: PadRelative, landing_std_m: float = PadConfig().landing_std_m) -> float:
+    """How long until a place that is dead reckoned is too uncertain to land by; NaN while the pad is seen.
+
+    The error is taken to grow by the velocity's since the pad was seen: p^2(t) = p0^2 + (v t)^2, so that it is longest
+    where the velocity is known well. What the accelerometers add is left out, a share of it for some seconds.
+    """
+    if relative.mode is PadMode.LOST:
+        return 0.0
+    if relative.mode is not PadMode.DEAD_RECKONING:
+        return math.nan
+    place, velocity = worst_std(relative.cov_pos_ned_m2), max(worst_std(relative.cov_vel_ned_m2_s2), 1e-3)
+    first = max(place**2 - (velocity * relative.age_s) ** 2, 0.0)
+    return max(math.sqrt(max(landing_std_m**2 - first, 0.0)) / velocity - relative.age_s, 0.0)
 
 
 def worst_std(cov: np.ndarray[Any, np.dtype[np.float64]]) -> float:

@@ -17,15 +17,19 @@ from backend.landing.aiding import Aiding
 from backend.landing.messages import place_fields
 from backend.landing.pads import Pads
 from backend.landing.pages import Pages
+from backend.landing.pilot import LandingPilot, Wires
 from backend.landing.view import PadView, Pictures, pad_view
 from backend.link.landing_target import LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ, TargetForm, form_for
 from backend.navigation.worker import StateUpdate
 from backend.schemas.landing import LandingRequest
+from backend.schemas.vehicles import CommandBody
 from estimator.landing.pad import Pad
 from estimator.types import FrameSample, Mode
+from guidance.landing import LandingConfig
 
 STALE_US = 500_000
 VIEW_OF_US = 3_000_000
+GOOD_NEWS = frozenset({"landed"})
 
 _log = structlog.get_logger(__name__)
 
@@ -36,6 +40,7 @@ class Landings:
     def __init__(
         self, data_dir: Path, vehicles: Callable[[], dict[str, LiveVehicle]],
         link_of: Callable[[LiveVehicle], LinkEndpoint | None], say: Callable[..., None],
+        command: Callable[[LiveVehicle, CommandBody], str], gear_height_m: float,
     ) -> None:  # fmt: skip
         self.pads = Pads(data_dir)
         self.pages = Pages()
@@ -43,6 +48,7 @@ class Landings:
         self._vehicles = vehicles
         self._link_of = link_of
         self._say = say
+        self.pilot = LandingPilot(Wires(link_of, command, self._tell), LandingConfig(gear_m=gear_height_m))
         self._aiding: dict[str, Aiding] = {}
 
     # --- the pad ---
@@ -80,6 +86,11 @@ class Landings:
 
     def ask(self, vehicle: LiveVehicle, body: LandingRequest) -> None:
         """Begin or end what a request says; its errors say why that cannot be."""
+        if body.abort:
+            self.pilot.abort(vehicle)
+        elif body.land:
+            _ = self.pad
+            self.pilot.begin(vehicle, self._page(body.page))
         if body.aiding is True:
             self._begin_aiding(vehicle, body.page)
         elif body.aiding is False:
@@ -121,6 +132,7 @@ class Landings:
 
     def on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         """A vehicle's new state: with each goes what is sent to the vehicle."""
+        self.pilot.on_state(vehicle, update.state)
         aiding = self._aiding.get(vehicle.id)
         if aiding is None:
             return
@@ -133,6 +145,7 @@ class Landings:
         """Ten times a second: end what nobody looks after any more, and tell how it stands."""
         now_us = unix_us()
         for vehicle in self._vehicles().values():
+            self.pilot.tick(vehicle, self.pages.is_there)
             aiding = self._aiding.get(vehicle.id)
             if aiding is not None and not self.pages.is_there(aiding.page, mono_us()):
                 del self._aiding[vehicle.id]
@@ -141,6 +154,11 @@ class Landings:
                 aiding.silent("the estimator gives no state")
             if self.pads.pad is not None or aiding is not None:
                 self._publish(vehicle)
+
+    async def close(self) -> None:
+        """The station stops: end what it flies."""
+        self._aiding.clear()
+        await self.pilot.close(self._vehicles)
 
     # --- what is told ---
 
@@ -154,7 +172,8 @@ class Landings:
                 "on": True, "form": str(aiding.form), "sending": aiding.sending, "sent": aiding.sent,
                 "reason": aiding.reason,
             }  # fmt: skip
-        return {"vehicle_id": vehicle.id, **place_fields(state, vehicle.setup), "aiding": told}
+        place = place_fields(state, vehicle.setup)
+        return {"vehicle_id": vehicle.id, **place, "aiding": told, "descent": self.pilot.message(vehicle)}
 
     async def view(self, vehicle: LiveVehicle) -> PadView:
         """The newest picture that showed the pad, as from straight above it; NoPadViewError when there is none."""
@@ -174,8 +193,9 @@ class Landings:
     def _tell(self, vehicle: LiveVehicle, code: str, text: str) -> None:
         """A passing alarm: it is told, and does not stand."""
         now_us = unix_us()
+        severity = "info" if code in GOOD_NEWS else "warning"
         _log.warning("landing", vehicle=vehicle.id, code=code, text=text)
         self._say(
-            "alarm", id=f"{code}:{vehicle.id}:{now_us}", vehicle_id=vehicle.id, severity="warning", code=code,
+            "alarm", id=f"{code}:{vehicle.id}:{now_us}", vehicle_id=vehicle.id, severity=severity, code=code,
             text=f"vehicle {vehicle.id}: {text}", active=False, since_unix_us=now_us,
         )  # fmt: skip

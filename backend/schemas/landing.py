@@ -64,13 +64,23 @@ class AidingBody(BaseModel):
     reason: str
 
 
+class DescentBody(BaseModel):
+    """The landing that the station flies, or flew last: how far, and why it holds or has ended."""
+
+    active: bool
+    phase: Literal["approach", "descend", "touchdown", "landed", "abort"]
+    reason: str
+    set_point_ned_m_s: tuple[float, float, float] | None
+
+
 class LandingBody(BaseModel):
     """Where a vehicle is relative to the pad; null where it is not known.
 
     ``north_m``, ``east_m`` and ``height_m`` lead from the pad's centre to the vehicle, ``ahead_m`` and ``right_m`` from
     the vehicle to the pad as the vehicle heads; ``x_m``, ``y_m`` are the vehicle's place in the pad's frame.
     Standard deviations are one sigma, ``std_horizontal_m`` along the worst direction. ``age_s`` counts from the last
-    picture that showed the pad; ``reason`` says why the newest was not used.
+    picture that showed the pad; ``reason`` says why the newest was not used. ``coast_left_s`` is how long dead
+    reckoning stays good enough to land by, if the velocity stays as wrong as it may be.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -95,7 +105,9 @@ class LandingBody(BaseModel):
     std_height_m: float | None
     std_velocity_m_s: float | None
     seen: SeenBody | None
+    coast_left_s: float | None
     aiding: AidingBody
+    descent: DescentBody | None
 
 
 class LandingRequest(BaseModel):
@@ -105,3 +117,5 @@ class LandingRequest(BaseModel):
 
     page: PageName | None = None
     aiding: bool | None = None
+    land: Literal[True] | None = None
+    abort: Literal[True] | None = None

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from backend.landing.messages import pad_body, place_fields, worst_std
+from backend.landing.messages import coast_left_s, pad_body, place_fields, worst_std
 from backend.navigation.setup import CameraProfile, MapFiles, NavigationSetup, Place, build_setup
 from backend.schemas.landing import LandingBody
 from estimator.landing.pad import tag_pad
@@ -16,7 +16,7 @@ from tests.backend.flight_maker import CAMERA, GROUND_M, LAT_DEG, LON_DEG, state
 from tests.backend.landing.relative import PAD, over_pad
 
 T_US = 1_760_000_000_000_000
-NO_AIDING = {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}
+REST = {"aiding": {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}, "descent": None}
 
 
 def setup(*, pad: bool = True) -> NavigationSetup:
@@ -49,7 +49,7 @@ def test_the_outlines_are_where_the_camera_sees_them() -> None:
     middle = np.mean(seen["outlines_px"][0], axis=0)
     ahead_m, right_m = math.sqrt(3.0) / 2.0 - 0.6, 0.4
     assert middle == pytest.approx((159.5 + 300 * right_m / 8.0, 119.5 - 300 * ahead_m / 8.0), abs=0.1)
-    LandingBody(vehicle_id="1", **fields, aiding=NO_AIDING)
+    LandingBody(vehicle_id="1", **fields, **REST)
 
 
 def test_nothing_is_told_of_nothing() -> None:
@@ -59,7 +59,7 @@ def test_nothing_is_told_of_nothing() -> None:
     ):  # fmt: skip
         fields = place_fields(state_now, setup_now)
         assert (fields["reason"], fields["mode"], fields["height_m"], fields["seen"]) == (reason, None, None, None)
-        LandingBody(vehicle_id="1", **fields, aiding=NO_AIDING)
+        LandingBody(vehicle_id="1", **fields, **REST)
 
 
 def test_a_pad_that_was_never_seen_has_no_place() -> None:
@@ -84,3 +84,23 @@ def test_the_page_is_told_what_to_draw() -> None:
     assert circles.rings[0].x_m == pytest.approx(math.sqrt(3.0) / 2.0)
     assert (tags.kind, tags.rings, len(tags.tags)) == ("tags", [], 7)
     assert tags.description["schema"] == "pilotage.pad/1"
+
+
+def coasting(age_s: float, std_m: float, **changes: PadMode) -> float:
+    state_now = over_pad(T_US, std_m=(std_m, 0.01, 0.01), age_s=age_s, mode=changes.get("mode", PadMode.DEAD_RECKONING))
+    assert state_now.pad is not None
+    return coast_left_s(state_now.pad, landing_std_m=0.3)
+
+
+def test_the_time_left_of_dead_reckoning_runs_down_as_the_error_grows() -> None:
+    """Velocity known to 4 cm/s and place to 5 cm when the pad went out of sight: sigma reaches 0.3 m after 7.4 s."""
+    whole_s = math.sqrt(0.3**2 - 0.05**2) / 0.04
+    for age_s in (0.0, 2.0, 5.0, whole_s):
+        assert coasting(age_s, math.hypot(0.05, 0.04 * age_s)) == pytest.approx(whole_s - age_s, abs=1e-6)
+    assert whole_s == pytest.approx(7.4, abs=0.05)
+
+
+def test_no_time_is_left_of_what_is_lost_and_none_runs_while_the_pad_is_seen() -> None:
+    assert coasting(9.0, 0.4) == 0.0
+    assert coasting(1.0, 0.1, mode=PadMode.LOST) == 0.0
+    assert math.isnan(coasting(0.1, 0.05, mode=PadMode.TRACKING))

@@ -7,7 +7,7 @@ import contextlib
 import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
@@ -41,13 +41,16 @@ class Pilot:
         self._socket.sendto(data, self._target)
 
     def step(self) -> None:
-        self.send(self.wire.heartbeat(2, self.autopilot))
+        self.send(self.heartbeat())
         with contextlib.suppress(BlockingIOError):
             while True:
                 for message in parsed([self._socket.recv(2048)]):
                     self.heard.append(message)
                     if message.get_type() == "COMMAND_LONG":
                         self.send(self.wire.ack(message.command, 0))
+
+    def heartbeat(self) -> bytes:
+        return self.wire.heartbeat(2, self.autopilot)
 
     def of(self, kind: str) -> list[Any]:
         return [message for message in self.heard if message.get_type() == kind]
@@ -86,9 +89,11 @@ class Scene:
 
 
 @contextlib.asynccontextmanager
-async def scene(tmp_path: Path, autopilot: int = ARDUPILOT, *, pad: bool = True) -> AsyncIterator[Scene]:
+async def scene(
+    tmp_path: Path, autopilot: int = ARDUPILOT, *, pad: bool = True, kind: type[Pilot] = Pilot
+) -> AsyncIterator[Scene]:
     (port,) = free_udp_ports(1)
-    pilot = Pilot(port, autopilot)
+    pilot = kind(port, autopilot)
     async with (
         running_station(tmp_path, mavlink=(f"udpin:127.0.0.1:{port}",)) as running,
         running.stream(page=PAGE) as stream,
@@ -236,3 +241,119 @@ async def test_the_pad_over_rest(tmp_path: Path) -> None:
     assert view.status_code == 404
     assert "shown the landing pad" in view.json()["detail"]
     assert (gone.status_code, after.status_code) == (204, 404)
+
+
+class Obedient(Pilot):
+    """An autopilot that changes its mode when it is told to."""
+
+    MODES: ClassVar = {"GUIDED": 4, "LOITER": 5, "LAND": 9}
+
+    def __init__(self, port: int, autopilot: int) -> None:
+        super().__init__(port, autopilot)
+        self.mode = self.MODES["LOITER"]
+
+    def step(self) -> None:
+        heard = len(self.heard)
+        super().step()
+        for message in self.heard[heard:]:
+            if message.get_type() == "COMMAND_LONG" and message.command == 176:
+                self.mode = int(message.param2)
+            if message.get_type() == "COMMAND_LONG" and message.command == 21:
+                self.mode = self.MODES["LAND"]
+
+    def heartbeat(self) -> bytes:
+        return self.wire.heartbeat(2, self.autopilot, custom_mode=self.mode)
+
+
+SET_POINT = "SET_POSITION_TARGET_LOCAL_NED"
+
+
+async def landing(flown: Scene, height_m: float = 8.0) -> None:
+    """Begin a landing and fly it until velocities are sent that move."""
+    flown.give(over_pad(unix_us(), (0.6, -0.4, -height_m)))
+    while flown.vehicle.telemetry.flight_mode != "LOITER":
+        await asyncio.sleep(0.01)
+    answer = await flown.ask(page=PAGE, land=True)
+    assert answer.status_code == 200, answer.text
+    async with asyncio.timeout(PATIENCE_S):
+        while not any(abs(m.vx) > 0.01 for m in flown.pilot.of(SET_POINT)):
+            flown.give(over_pad(unix_us(), (0.6, -0.4, -height_m)))
+            await asyncio.sleep(0.05)
+
+
+async def becomes(flown: Scene, mode: str) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while flown.pilot.mode != Obedient.MODES[mode]:  # type: ignore[attr-defined]
+            await asyncio.sleep(0.01)
+
+
+async def test_a_landing_takes_the_vehicle_over_and_flies_it_to_the_pad(tmp_path: Path) -> None:
+    """It is 0.6 m north and 0.4 m west of the pad: south-east is where it is sent, and not up."""
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        told = (await flown.ask()).json()["descent"]
+        again = await flown.ask(page=PAGE, land=True)
+        last = flown.pilot.of(SET_POINT)[-1]
+
+    assert flown.pilot.of(SET_POINT)[0].vx == 0.0
+    assert last.vx < 0.0 < last.vy
+    assert last.vz > -0.6
+    assert (told["active"], told["phase"]) in ((True, "approach"), (True, "descend"))
+    assert again.status_code == 409
+    assert "landing already" in again.json()["detail"]
+
+
+async def test_one_press_ends_it_and_it_holds(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        answer = await flown.ask(abort=True)
+        await becomes(flown, "LOITER")
+        count = len(flown.pilot.of(SET_POINT))
+        flown.give(over_pad(unix_us()))
+        await asyncio.sleep(0)
+        alarm = await next_of(flown.stream, "alarm")
+
+    assert answer.json()["descent"]["active"] is False
+    assert alarm["code"] == "landing_aborted"
+    assert "the operator ended it" in alarm["text"]
+    assert len(flown.pilot.of(SET_POINT)) == count
+
+
+async def test_a_landing_ends_with_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pages, "GONE_US", 0)
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        await flown.stream.close()
+        await becomes(flown, "LOITER")
+
+
+async def test_a_landing_ends_with_the_station(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        await flown.running.station.stop()
+        await becomes(flown, "LOITER")
+
+
+async def test_another_command_ends_a_landing_without_a_word_of_ours(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        await flown.running.client.post("/api/v1/vehicles/1/commands", json={"command": "land"})
+        await becomes(flown, "LAND")
+        told = (await flown.ask()).json()["descent"]
+
+    assert (told["active"], told["reason"]) == (False, "the operator said 'land'")
+    assert [m.param2 for m in flown.pilot.of("COMMAND_LONG") if m.command == 176] == [4]
+
+
+async def test_what_cannot_be_landed_is_refused_in_words(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        unseen = await flown.ask(page=PAGE, land=True)
+        flown.give(over_pad(unix_us(), mode=PadMode.SEARCHING, reason="only part of a triple"))
+        part = await flown.ask(page=PAGE, land=True)
+        flown.give(over_pad(unix_us()))
+        nobody = await flown.ask(land=True)
+
+    assert [answer.status_code for answer in (unseen, part, nobody)] == [409] * 3
+    assert "the pad must be in the picture when a landing begins" in unseen.json()["detail"]
+    assert "only part of a triple" in part.json()["detail"]
+    assert "ends with the page" in nobody.json()["detail"]
