@@ -276,7 +276,7 @@ async def landing(flown: Scene, height_m: float = 8.0) -> None:
     answer = await flown.ask(page=PAGE, land=True)
     assert answer.status_code == 200, answer.text
     async with asyncio.timeout(PATIENCE_S):
-        while not any(abs(m.vx) > 0.01 for m in flown.pilot.of(SET_POINT)):
+        while not any(abs(m.vy) > 0.01 for m in flown.pilot.of(SET_POINT)):
             flown.give(over_pad(unix_us(), (0.6, -0.4, -height_m)))
             await asyncio.sleep(0.05)
 
