@@ -133,7 +133,7 @@ class Station:
         try:
             if self.settings.camera is not None:
                 self.profile = read_camera_profile(self.settings.camera)
-            self.landings.pads.load(self.settings.pad)
+            self.landings.pads.load(self.settings.pad, self.settings.camera)
             self._database = await Database.open(self.settings.data_dir / "station.db")
             self._targets = await TargetStore.load(self._database)
             self._target_names = len(self._targets.all())
@@ -389,7 +389,7 @@ class Station:
         here = None if vehicle is None else vehicle.here()
         files = None if here is None else self.maps.files_for(here)
         denied = any(v.gps_denied for v in self.fleet.vehicles.values())
-        plan = plan_of(vehicle, self.profile, files, denied, self.settings.time_offset_s)
+        plan = plan_of(vehicle, self.profile, files, denied, self.settings.time_offset_s, self.landings.pads.pad)
         flight_id = await asyncio.to_thread(self.recorder.start, plan, name)
         self.hub.publish("recording", **asdict(self.recorder.status))
         return flight_id

@@ -16,7 +16,7 @@ from geodata.errors import PadFileError
 from geodata.flight import FlightFolder
 from geodata.pad_file import pad_from, read_pad
 
-_SURVEY = ("lat_deg", "lon_deg", "alt_amsl_m", "std_m")
+SURVEY_FIELDS = ("lat_deg", "lon_deg", "alt_amsl_m", "std_m")
 
 
 class PadSurvey(BaseModel):
@@ -44,8 +44,8 @@ def pad_of_flight(folder: FlightFolder) -> FlightPad | None:
     if not section:
         return None
     path = folder.path / "flight.json"
-    placed = {key: section[key] for key in _SURVEY if section.get(key) is not None}
-    described = {key: value for key, value in section.items() if key not in _SURVEY}
+    placed = {key: section[key] for key in SURVEY_FIELDS if section.get(key) is not None}
+    described = {key: value for key, value in section.items() if key not in SURVEY_FIELDS}
     if "file" not in described:
         return FlightPad(pad_from(described, path), _survey(placed, folder))
     others = sorted(set(described) - {"file"})

@@ -8,6 +8,7 @@ from pathlib import Path
 from backend.errors import StartError
 from estimator.landing.pad import Pad
 from geodata.errors import PadFileError
+from geodata.flight_pad import SURVEY_FIELDS
 from geodata.pad_file import as_description, pad_from, read_pad
 
 FILE_NAME = "pad.json"
@@ -15,21 +16,27 @@ UPLOADED = Path("the pad's description")
 
 
 class Pads:
-    """At most one pad. What the page gives is kept in the data folder; a pad given at the start goes before it."""
+    """At most one pad: the one given at the start, else what the page gave last, which is kept, else the camera file's.
+
+    The last is the ``pad`` of a ``flight.json``. Where a survey has that pad is not used: a flight finds it by itself.
+    """
 
     def __init__(self, data_dir: Path) -> None:
         self._kept = data_dir / FILE_NAME
         self.pad: Pad | None = None
 
-    def load(self, given: Path | None) -> None:
+    def load(self, given: Path | None, camera_file: Path | None = None) -> None:
         """The pad to begin with; StartError when its description cannot be used."""
-        path = given if given is not None else (self._kept if self._kept.exists() else None)
-        if path is None:
-            return
+        remedy = ""
         try:
-            self.pad = read_pad(path)
+            if given is not None:
+                self.pad = read_pad(given)
+            elif self._kept.exists():
+                remedy = f"; remove '{self._kept}' to start without"
+                self.pad = read_pad(self._kept)
+            elif camera_file is not None:
+                self.pad = _of_camera_file(camera_file)
         except PadFileError as error:
-            remedy = "" if given is not None else f"; remove '{path}' to start without"
             raise StartError(f"landing pad: {error}{remedy}") from None
 
     def give(self, description: object) -> Pad:
@@ -46,3 +53,16 @@ class Pads:
         """Look for none any more."""
         self._kept.unlink(missing_ok=True)
         self.pad = None
+
+
+def _of_camera_file(path: Path) -> Pad | None:
+    """The pad of a camera file, which is known to be an object, None where it has none."""
+    section = json.loads(path.read_text(encoding="utf-8")).get("pad")
+    if not section:
+        return None
+    if not isinstance(section, dict):
+        raise PadFileError(path, f"is no object: {section!r:.60}", "leave it out, or describe a pad", field="pad")
+    described = {key: value for key, value in section.items() if key not in SURVEY_FIELDS}
+    if set(described) == {"file"}:
+        return read_pad(path.parent / str(described["file"]))
+    return pad_from(described, path)

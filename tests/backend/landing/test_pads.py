@@ -66,3 +66,29 @@ def test_a_start_with_an_unusable_description_is_refused(tmp_path: Path) -> None
         Pads(tmp_path).load(tmp_path / "nowhere.json")
     with pytest.raises(StartError, match=r"is not JSON.*remove .*pad\.json"):
         Pads(tmp_path).load(None)
+
+
+@pytest.mark.parametrize("described", ["inside", "beside"])
+def test_a_camera_file_may_describe_the_pad(tmp_path: Path, described: str) -> None:
+    """As a flight.json does, with the survey that a replay uses."""
+    pad = circle_pad("of the flight", 1.2, 0.24)
+    write_pad(tmp_path / "mine.json", pad)
+    section = as_description(pad) if described == "inside" else {"file": "mine.json"}
+    camera = tmp_path / "flight.json"
+    camera.write_text(
+        json.dumps({"camera": {}, "pad": {**section, "lat_deg": 47.0, "lon_deg": 8.0, "alt_amsl_m": 4.0}})
+    )
+
+    pads = Pads(tmp_path / "data")
+    pads.load(None, camera)
+
+    assert pads.pad == pad
+
+
+@pytest.mark.parametrize("section", ["mine.json", {"file": "nowhere.json"}, {"kind": "circles"}])
+def test_a_camera_file_with_an_unusable_pad_is_refused(tmp_path: Path, section: object) -> None:
+    camera = tmp_path / "flight.json"
+    camera.write_text(json.dumps({"camera": {}, "pad": section}))
+
+    with pytest.raises(StartError, match="landing pad: "):
+        Pads(tmp_path / "data").load(None, camera)
