@@ -52,6 +52,8 @@ export interface PadView {
 
 export interface LandingWish {
   aiding?: boolean;
+  land?: true;
+  abort?: true;
 }
 
 export interface StationApi {

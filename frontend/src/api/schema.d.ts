@@ -821,6 +821,27 @@ export interface components {
             last_error: string | null;
         };
         /**
+         * DescentBody
+         * @description The landing that the station flies, or flew last: how far, and why it holds or has ended.
+         */
+        DescentBody: {
+            /** Active */
+            active: boolean;
+            /**
+             * Phase
+             * @enum {string}
+             */
+            phase: "approach" | "descend" | "touchdown" | "landed" | "abort";
+            /** Reason */
+            reason: string;
+            /** Set Point Ned M S */
+            set_point_ned_m_s: [
+                number,
+                number,
+                number
+            ] | null;
+        };
+        /**
          * EllipseBody
          * @description A horizontal 95 % error ellipse; azimuth of the major axis from north.
          */
@@ -912,7 +933,8 @@ export interface components {
          *     ``north_m``, ``east_m`` and ``height_m`` lead from the pad's centre to the vehicle, ``ahead_m`` and ``right_m`` from
          *     the vehicle to the pad as the vehicle heads; ``x_m``, ``y_m`` are the vehicle's place in the pad's frame.
          *     Standard deviations are one sigma, ``std_horizontal_m`` along the worst direction. ``age_s`` counts from the last
-         *     picture that showed the pad; ``reason`` says why the newest was not used.
+         *     picture that showed the pad; ``reason`` says why the newest was not used. ``coast_left_s`` is how long dead
+         *     reckoning stays good enough to land by, if the velocity stays as wrong as it may be.
          */
         LandingBody: {
             /** Vehicle Id */
@@ -954,7 +976,10 @@ export interface components {
             /** Std Velocity M S */
             std_velocity_m_s: number | null;
             seen: components["schemas"]["SeenBody"] | null;
+            /** Coast Left S */
+            coast_left_s: number | null;
             aiding: components["schemas"]["AidingBody"];
+            descent: components["schemas"]["DescentBody"] | null;
         };
         /**
          * LandingRequest
@@ -965,6 +990,10 @@ export interface components {
             page?: string | null;
             /** Aiding */
             aiding?: boolean | null;
+            /** Land */
+            land?: true | null;
+            /** Abort */
+            abort?: true | null;
         };
         /**
          * LocateBody

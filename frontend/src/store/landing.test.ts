@@ -1,6 +1,6 @@
 import { describe, expect, it } from 'vitest';
 import type { Landing, LandingMessage } from '../api/types';
-import { aidingWords, crossAt, heightStep, moveWords, PadOutlines, padWords, tapeMarks } from './landing';
+import { aidingWords, crossAt, descentWords, heightStep, moveWords, PadOutlines, padWords, tapeMarks } from './landing';
 
 const LANDING: Landing = {
   vehicle_id: '1',
@@ -22,6 +22,8 @@ const LANDING: Landing = {
   std_horizontal_m: 0.05,
   std_height_m: 0.02,
   std_velocity_m_s: 0.04,
+  coast_left_s: null,
+  descent: null,
   seen: null,
   aiding: { on: false, form: null, sending: false, sent: 0, reason: '' },
 };
@@ -38,6 +40,7 @@ describe('padWords', () => {
     expect(padWords({ ...LANDING, mode: 'searching', reason: 'a mirrored print' }).detail).toContain('A mirrored print.');
     expect(padWords({ ...LANDING, mode: 'dead_reckoning', age_s: 1.5 })).toMatchObject({ text: 'DEAD RECKONING', tone: 'watch' });
     expect(padWords({ ...LANDING, mode: 'dead_reckoning', age_s: 1.5 }).detail).toContain('1.5 s ago');
+    expect(padWords({ ...LANDING, mode: 'dead_reckoning', age_s: 1.5, coast_left_s: 4.21 }).text).toBe('DEAD RECKONING 4.2 s left');
     expect(padWords({ ...LANDING, mode: 'lost' }).tone).toBe('bad');
     expect(padWords(LANDING)).toMatchObject({ text: 'TRACKING', tone: 'good' });
     expect(padWords({ ...LANDING, mode: null }).text).toBe('WAITING');
@@ -52,6 +55,22 @@ describe('aidingWords', () => {
     expect(aidingWords({ ...LANDING, aiding: on }).detail).toContain('the pad is lost');
     expect(aidingWords({ ...LANDING, aiding: { ...on, sending: true, reason: '' } })).toMatchObject({ text: 'sending · 12', tone: 'good' });
     expect(aidingWords({ ...LANDING, aiding: { ...on, sending: true, form: 'local' } }).detail).toContain('PX4');
+  });
+});
+
+describe('descentWords', () => {
+  const descent = { active: true, phase: 'descend' as const, reason: '', set_point_ned_m_s: [0, 0, 0.5] as [number, number, number] };
+
+  it('says how far it is and why it holds', () => {
+    expect(descentWords(descent)).toMatchObject({ text: 'DESCENDING', detail: '', tone: 'good' });
+    expect(descentWords({ ...descent, reason: 'pad out of sight for 0.6 s' })).toMatchObject({ detail: 'Pad out of sight for 0.6 s.', tone: 'watch' });
+    expect(descentWords({ ...descent, phase: 'touchdown' }).text).toBe('TOUCHING DOWN');
+  });
+
+  it('says how it has ended', () => {
+    expect(descentWords({ ...descent, active: false, phase: 'landed' })).toMatchObject({ text: 'LANDED', tone: 'good' });
+    expect(descentWords({ ...descent, active: false, phase: 'abort', reason: 'the operator ended it' })).toMatchObject({ text: 'LANDING ENDED', tone: 'bad' });
+    expect(descentWords(null)).toBeNull();
   });
 });
 

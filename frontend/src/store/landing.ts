@@ -54,7 +54,7 @@ export function padWords(landing: Landing | null): Words {
     case 'tracking':
       return { text: 'TRACKING', detail: landing.reason ? `The newest picture was not used:${why}` : 'The pad is in the picture.', tone: 'good' };
     case 'dead_reckoning':
-      return { text: 'DEAD RECKONING', detail: `The pad was last seen ${formatAge(landing.age_s)} ago.${why}`, tone: 'watch' };
+      return { text: landing.coast_left_s === null ? 'DEAD RECKONING' : `DEAD RECKONING ${formatNumber(landing.coast_left_s, 1)} s left`, detail: `The pad was last seen ${formatAge(landing.age_s)} ago.${why}`, tone: 'watch' };
     case 'lost':
       return { text: 'LOST', detail: `The pad was last seen ${formatAge(landing.age_s)} ago, too long to land by.${why}`, tone: 'bad' };
     case 'searching':
@@ -62,6 +62,22 @@ export function padWords(landing: Landing | null): Words {
     default:
       return { text: 'WAITING', detail: 'The estimator has not said anything of the pad yet.', tone: 'none' };
   }
+}
+
+const PHASES: Record<NonNullable<Landing['descent']>['phase'], string> = {
+  approach: 'OVER TO THE PAD',
+  descend: 'DESCENDING',
+  touchdown: 'TOUCHING DOWN',
+  landed: 'LANDED',
+  abort: 'LANDING ENDED',
+};
+
+/** How far the station's landing is, or how the last one ended; null where there was none. */
+export function descentWords(descent: Landing['descent']): Words | null {
+  if (!descent) return null;
+  const detail = descent.reason ? sentence(descent.reason) : '';
+  const ended = descent.phase === 'landed' ? 'good' : 'bad';
+  return { text: PHASES[descent.phase], detail, tone: descent.active ? (detail ? 'watch' : 'good') : ended };
 }
 
 /** Whether the autopilot is told, and else why not. */
@@ -78,6 +94,11 @@ export function moveWords({ ahead_m, right_m }: Pick<Landing, 'ahead_m' | 'right
   if (ahead_m === null || right_m === null) return '–';
   const along = `${withUnit(Math.abs(ahead_m), 'm', 2)} ${ahead_m < 0 ? 'back' : 'ahead'}`;
   return `${along}, ${withUnit(Math.abs(right_m), 'm', 2)} ${right_m < 0 ? 'left' : 'right'}`;
+}
+
+/** Where the two parts of `moveWords` are wanted one by one. */
+export function moveParts(landing: Pick<Landing, 'ahead_m' | 'right_m'>): string[] {
+  return moveWords(landing).split(', ');
 }
 
 export interface TapeMark {

@@ -17,6 +17,8 @@ from backend.fleet.vehicle import LiveVehicle
 from backend.landing import pages
 from backend.navigation.worker import StateUpdate
 from estimator.types import NavigationState, PadMode
+from geodata.flight import FlightFolder
+from geodata.flight_pad import pad_of_flight
 from geodata.pad_file import as_description
 from tests.backend.landing.relative import PAD, over_pad
 from tests.backend.link.wire import ARDUPILOT, PX4, Sender, dialect, parsed
@@ -222,6 +224,17 @@ async def test_another_pad_has_to_wait_while_a_flight_without_gps_hangs_on_the_e
     assert refused.status_code == 409
     assert "without GPS" in refused.json()["detail"]
     assert kept.status_code == 200
+
+
+async def test_a_recording_says_which_pad_was_looked_for(tmp_path: Path) -> None:
+    """So that its replay looks for the same."""
+    async with scene(tmp_path) as flown:
+        flight_id = await flown.running.station.start_recording(None)
+        await flown.running.station.stop_recording()
+        found = pad_of_flight(FlightFolder.open(tmp_path / "flights" / flight_id))
+
+    assert found is not None
+    assert found.pad == PAD
 
 
 async def test_the_pad_over_rest(tmp_path: Path) -> None:
