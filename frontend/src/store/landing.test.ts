@@ -64,7 +64,7 @@ describe('descentWords', () => {
   it('says how far it is and why it holds', () => {
     expect(descentWords(descent)).toMatchObject({ text: 'DESCENDING', detail: '', tone: 'good' });
     expect(descentWords({ ...descent, reason: 'pad out of sight for 0.6 s' })).toMatchObject({ detail: 'Pad out of sight for 0.6 s.', tone: 'watch' });
-    expect(descentWords({ ...descent, phase: 'touchdown' }).text).toBe('TOUCHING DOWN');
+    expect(descentWords({ ...descent, phase: 'touchdown' })?.text).toBe('TOUCHING DOWN');
   });
 
   it('says how it has ended', () => {

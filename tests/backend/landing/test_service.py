@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import socket
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -17,9 +18,7 @@ from backend.fleet.vehicle import LiveVehicle
 from backend.landing import pages
 from backend.navigation.worker import StateUpdate
 from estimator.types import NavigationState, PadMode
-from geodata.flight import FlightFolder
-from geodata.flight_pad import pad_of_flight
-from geodata.pad_file import as_description
+from geodata.pad_file import as_description, pad_from
 from tests.backend.landing.relative import PAD, over_pad
 from tests.backend.link.wire import ARDUPILOT, PX4, Sender, dialect, parsed
 from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
@@ -231,10 +230,9 @@ async def test_a_recording_says_which_pad_was_looked_for(tmp_path: Path) -> None
     async with scene(tmp_path) as flown:
         flight_id = await flown.running.station.start_recording(None)
         await flown.running.station.stop_recording()
-        found = pad_of_flight(FlightFolder.open(tmp_path / "flights" / flight_id))
+    flight = json.loads((tmp_path / "flights" / flight_id / "flight.json").read_text())
 
-    assert found is not None
-    assert found.pad == PAD
+    assert pad_from(flight["pad"], Path("flight.json")) == PAD
 
 
 async def test_the_pad_over_rest(tmp_path: Path) -> None:
