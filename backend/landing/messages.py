@@ -13,6 +13,7 @@ from backend.navigation.setup import NavigationSetup
 from backend.schemas.landing import PadBody, RingBody, TagBody
 from estimator.geometry.rotation import euler_from_q, matrix_from_q
 from estimator.landing.pad import Pad, TagPad
+from estimator.landing.pose import PadPose
 from estimator.measurements.pad_tracking import PadConfig
 from estimator.types import NavigationState, PadMode, PadRelative
 from geodata.pad_file import as_description
@@ -42,12 +43,15 @@ def place_fields(state: NavigationState | None, setup: NavigationSetup | None) -
     fields: dict[str, Any] = {
         "t_state_unix_us": None if state is None else state.t_us, "pad": None if pad is None else pad.name,
         "mode": None, "reason": "" if pad is not None else "no pad is described", "age_s": None, "seen": None,
+        "outlines_px": None,
         **dict.fromkeys(_PLACE),
     }  # fmt: skip
     if state is None or relative is None or setup is None or pad is None:
         return fields
     fields.update(mode=str(relative.mode), reason=relative.reason, age_s=finite(relative.age_s))
     fields.update({name: finite(value) for name, value in _place(state, relative).items()})
+    if relative.mode in (PadMode.TRACKING, PadMode.DEAD_RECKONING):
+        fields["outlines_px"] = outlines_px(_foreseen(state, relative), setup.camera, pad)
     seen = relative.seen
     if seen is not None:
         fields["seen"] = {
@@ -56,6 +60,15 @@ def place_fields(state: NavigationState | None, setup: NavigationSetup | None) -
             "outlines_px": outlines_px(seen, setup.camera, pad),
         }  # fmt: skip
     return fields
+
+
+def _foreseen(state: NavigationState, relative: PadRelative) -> PadPose:
+    """Where the estimate has the pad in the camera frame."""
+    camera_from_ned = matrix_from_q(state.q_ned_from_camera).T
+    return PadPose(
+        camera_from_ned @ matrix_from_q(relative.q_ned_from_pad),
+        -camera_from_ned @ (relative.pos_ned_m + state.lever_ned_m),
+    )
 
 
 def _place(state: NavigationState, relative: PadRelative) -> dict[str, float]:

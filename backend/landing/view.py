@@ -12,6 +12,7 @@ import numpy as np
 
 from estimator.geometry.camera import Camera
 from estimator.landing.pad import Pad, TagPad
+from estimator.landing.pose import PadPose
 from estimator.types import Float, FrameSample, PadSeen
 
 PICTURES_KEPT = 60  # the estimator tells of the pad in a picture when it has passed it, a second later or so
@@ -87,8 +88,8 @@ def view_side_m(seen: PadSeen, camera: Camera, pad: Pad) -> float:
     return float(whole * 2.0 ** (-0.5 * steps))
 
 
-def outlines_px(seen: PadSeen, camera: Camera, pad: Pad) -> list[list[tuple[float, float]]]:
-    """The pattern's outlines where the found pose puts them in the picture: rings' outer edges, or tags' borders.
+def outlines_px(seen: PadSeen | PadPose, camera: Camera, pad: Pad) -> list[list[tuple[float, float]]]:
+    """The pattern's outlines where a pose puts them in the picture: rings' outer edges, or tags' borders.
 
     Those that the picture does not hold, or that are too small to be seen, are left out.
     """

@@ -78,6 +78,7 @@ class LandingBody(BaseModel):
 
     ``north_m``, ``east_m`` and ``height_m`` lead from the pad's centre to the vehicle, ``ahead_m`` and ``right_m`` from
     the vehicle to the pad as the vehicle heads; ``x_m``, ``y_m`` are the vehicle's place in the pad's frame.
+    ``outlines_px`` is where the estimate has the pad's outlines in a picture of this time, of the size in ``seen``.
     Standard deviations are one sigma, ``std_horizontal_m`` along the worst direction. ``age_s`` counts from the last
     picture that showed the pad; ``reason`` says why the newest was not used. ``coast_left_s`` is how long dead
     reckoning stays good enough to land by, if the velocity stays as wrong as it may be.
@@ -104,6 +105,7 @@ class LandingBody(BaseModel):
     std_horizontal_m: float | None
     std_height_m: float | None
     std_velocity_m_s: float | None
+    outlines_px: list[list[Point]] | None
     seen: SeenBody | None
     coast_left_s: float | None
     aiding: AidingBody

@@ -932,6 +932,7 @@ export interface components {
          *
          *     ``north_m``, ``east_m`` and ``height_m`` lead from the pad's centre to the vehicle, ``ahead_m`` and ``right_m`` from
          *     the vehicle to the pad as the vehicle heads; ``x_m``, ``y_m`` are the vehicle's place in the pad's frame.
+         *     ``outlines_px`` is where the estimate has the pad's outlines in a picture of this time, of the size in ``seen``.
          *     Standard deviations are one sigma, ``std_horizontal_m`` along the worst direction. ``age_s`` counts from the last
          *     picture that showed the pad; ``reason`` says why the newest was not used. ``coast_left_s`` is how long dead
          *     reckoning stays good enough to land by, if the velocity stays as wrong as it may be.
@@ -975,6 +976,11 @@ export interface components {
             std_height_m: number | null;
             /** Std Velocity M S */
             std_velocity_m_s: number | null;
+            /** Outlines Px */
+            outlines_px: [
+                number,
+                number
+            ][][] | null;
             seen: components["schemas"]["SeenBody"] | null;
             /** Coast Left S */
             coast_left_s: number | null;

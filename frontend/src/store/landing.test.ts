@@ -24,6 +24,7 @@ const LANDING: Landing = {
   std_velocity_m_s: 0.04,
   coast_left_s: null,
   descent: null,
+  outlines_px: null,
   seen: null,
   aiding: { on: false, form: null, sending: false, sent: 0, reason: '' },
 };
@@ -121,17 +122,22 @@ describe('crossAt', () => {
 describe('PadOutlines', () => {
   const VGA = { width: 640, height: 480 };
 
-  it('draws what was found in the shown picture, or a moment before it', () => {
+  it('draws what was found in the shown picture, or where the estimate of that time has it', () => {
     const book = new PadOutlines();
-    expect(book.take(seenIn(10, 1_000_000))).toBe(true);
-    expect(book.take(seenIn(10, 1_000_000))).toBe(false);
-    book.take(seenIn(14, 1_160_000));
+    const estimate: [number, number][][] = [[[5, 5]]];
+    expect(book.take({ ...seenIn(10, 1_000_000), t_state_unix_us: 1_400_000, outlines_px: estimate })).toBe(true);
 
-    expect(book.at('1', { frame_id: 10, t_unix_us: 1_000_000 }, VGA)?.exact).toBe(true);
-    expect(book.at('1', { frame_id: 12, t_unix_us: 1_080_000 }, VGA)?.exact).toBe(false);
-    expect(book.at('1', { frame_id: 9, t_unix_us: 960_000 }, VGA)).toBeNull();
+    expect(book.at('1', { frame_id: 10, t_unix_us: 1_000_000 }, VGA)).toMatchObject({ exact: true, outlines: [[[0, 0], [639, 479]]] });
+    expect(book.at('1', { frame_id: 20, t_unix_us: 1_380_000 }, VGA)).toMatchObject({ exact: false, outlines: [[[5, 5]]] });
+    expect(book.at('1', { frame_id: 12, t_unix_us: 1_080_000 }, VGA)).toBeNull();
     expect(book.at('1', { frame_id: 40, t_unix_us: 2_000_000 }, VGA)).toBeNull();
     expect(book.at('2', { frame_id: 10, t_unix_us: 1_000_000 }, VGA)).toBeNull();
+  });
+
+  it('draws no estimate where there is none', () => {
+    const book = new PadOutlines();
+    book.take({ ...seenIn(10, 1_000_000), t_state_unix_us: 1_400_000, outlines_px: null });
+    expect(book.at('1', { frame_id: 20, t_unix_us: 1_400_000 }, VGA)).toBeNull();
   });
 
   it('follows the size of the shown picture, pixel centres at whole numbers', () => {

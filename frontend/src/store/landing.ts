@@ -7,41 +7,49 @@ import type { Words } from './words';
 /** The pad's outlines in the pixels of a shown picture. */
 export interface PadMark {
   outlines: [number, number][][];
-  /** Whether it was found in this very picture. */
+  /** Whether it was found in this very picture; else it is where the estimate has it. */
   exact: boolean;
 }
 
 /** A minute and a half at ten a second: as long as the page can go back in the video. */
 const KEPT = 900;
-/** At landing speeds a picture this much older shows the pad nearly where it is. */
-const LONGEST_AHEAD_US = 400_000;
+/** At landing speeds the pad moves little in the picture within this time. */
+const SAME_TIME_US = 150_000;
 
 /** Where the pad was found, picture by picture, for the mark over the video. */
 export class PadOutlines {
   private readonly of = new Map<string, PadSeen[]>();
+  private readonly newest = new Map<string, LandingMessage>();
 
   /** Whether there is anything new. */
-  take({ vehicle_id, seen }: LandingMessage): boolean {
+  take(message: LandingMessage): boolean {
+    const { vehicle_id, seen } = message;
+    this.newest.set(vehicle_id, message);
     if (!seen) return false;
     const known = this.of.get(vehicle_id) ?? [];
     const newest = known[known.length - 1];
-    if (newest?.frame_id === seen.frame_id) return false;
+    if (newest?.frame_id === seen.frame_id) return true;
     // Pictures are numbered anew when the station starts.
     const kept = newest && seen.t_frame_unix_us < newest.t_frame_unix_us ? [] : known.slice(-KEPT + 1);
     this.of.set(vehicle_id, [...kept, seen]);
     return true;
   }
 
-  /** The newest outlines that are not of a later picture than the shown one, scaled to its size. */
+  /** Where the pad was found in the shown picture, or by the estimate is at its time, scaled to its size. */
   at(vehicle_id: string, shown: Pick<FrameHeader, 'frame_id' | 't_unix_us'>, size: { width: number; height: number }): PadMark | null {
     const known = this.of.get(vehicle_id) ?? [];
-    const seen = known.findLast((one) => one.frame_id <= shown.frame_id);
-    if (!seen || shown.t_unix_us - seen.t_frame_unix_us > LONGEST_AHEAD_US) return null;
+    const found = known.findLast((one) => one.frame_id === shown.frame_id);
+    const now = this.newest.get(vehicle_id);
+    // Pictures are looked at a moment later than they are shown: meanwhile the estimate says where the pad is.
+    const seen = found ?? now?.seen;
+    const near = now !== undefined && Math.abs((now.t_state_unix_us ?? NaN) - shown.t_unix_us) <= SAME_TIME_US;
+    const outlines = found?.outlines_px ?? (near ? now.outlines_px : null);
+    if (!outlines || !seen) return null;
     const [across, down] = [size.width / seen.width_px, size.height / seen.height_px];
     return {
       // Pixel (0, 0) is the centre of the top-left pixel.
-      outlines: seen.outlines_px.map((points) => points.map(([u, v]) => [(u + 0.5) * across - 0.5, (v + 0.5) * down - 0.5])),
-      exact: seen.frame_id === shown.frame_id,
+      outlines: outlines.map((points) => points.map(([u, v]) => [(u + 0.5) * across - 0.5, (v + 0.5) * down - 0.5])),
+      exact: found !== undefined,
     };
   }
 }

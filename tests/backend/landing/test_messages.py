@@ -9,6 +9,7 @@ import pytest
 from backend.landing.messages import coast_left_s, pad_body, place_fields, worst_std
 from backend.navigation.setup import CameraProfile, MapFiles, NavigationSetup, Place, build_setup
 from backend.schemas.landing import LandingBody
+from estimator.geometry.rotation import matrix_from_q, q_from_matrix
 from estimator.landing.pad import tag_pad
 from estimator.types import PadMode
 from geodata.flight_meta import MapMeta
@@ -50,6 +51,20 @@ def test_the_outlines_are_where_the_camera_sees_them() -> None:
     ahead_m, right_m = math.sqrt(3.0) / 2.0 - 0.6, 0.4
     assert middle == pytest.approx((159.5 + 300 * right_m / 8.0, 119.5 - 300 * ahead_m / 8.0), abs=0.1)
     LandingBody(vehicle_id="1", **fields, **REST)
+
+
+def test_the_outlines_by_the_estimate_are_those_of_a_picture_taken_now() -> None:
+    """The camera that looks down with its top ahead, lever arm included, sees what was seen in the picture of then."""
+    flown = over_pad(T_US, frame_id=77, heading_deg=25.0, pad_heading_deg=70.0)
+    level = flown.q_ned_from_body
+    down = q_from_matrix(matrix_from_q(level) @ np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))))
+    fields = place_fields(replace(flown, q_ned_from_camera=down, lever_ned_m=np.zeros(3)), setup())
+    shifted = place_fields(replace(flown, q_ned_from_camera=down, lever_ned_m=np.array((0.0, 0.0, 2.0))), setup())
+
+    assert np.array(fields["outlines_px"]) == pytest.approx(np.array(fields["seen"]["outlines_px"]), abs=0.11)
+    # A lens two metres lower is six metres up instead of eight: larger by a third.
+    width = [np.ptp(np.array(told["outlines_px"])[0, :, 0]) for told in (fields, shifted)]
+    assert width[1] / width[0] == pytest.approx(8.0 / 6.0, rel=0.02)
 
 
 def test_nothing_is_told_of_nothing() -> None:
