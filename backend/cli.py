@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from backend.demo import run_demo
+from backend.demo import DemoScenario, run_demo
 from backend.errors import StationError
 from backend.server import configure_logging, run_station
 from backend.settings import load_settings
@@ -111,12 +111,15 @@ def serve(
 def demo(
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes a free one.")] = 8700,
     seed: Annotated[int, typer.Option(help="Another seed is another world, wind and noise.")] = 1,
+    scenario: Annotated[
+        DemoScenario, typer.Option(help="A flight about the country, or to a landing pad, without GPS.")
+    ] = DemoScenario.DEMO,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
     data_dir: Annotated[Path | None, typer.Option(help="Folder for targets, maps and flights.")] = None,
 ) -> None:
     """Run a station, a simulated helicopter and a browser page; nothing to configure. Ctrl-C ends all."""
     configure_logging()
-    run_demo(port, seed, not no_browser, data_dir)
+    run_demo(port, seed, not no_browser, data_dir, scenario)
 
 
 def announce(station: Station, address: str) -> None:

@@ -12,7 +12,6 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
   NoPadError            no landing pad is described
-  NoPadViewError        no picture shows the landing pad now
   NoGroundError         the ray of a click meets no ground
   CannotFollowTargetError  what a click shows cannot be followed
   AlignmentRefusedError an operator's alignment of a frame that cannot be meant
@@ -122,14 +121,6 @@ class NoPadError(StationError):
         super().__init__("no landing pad is described: PUT its file to /api/v1/pad, or start with --pad PAD.json")
 
 
-class NoPadViewError(StationError):
-    """No picture shows the landing pad now."""
-
-    def __init__(self, vehicle_id: str) -> None:
-        self.vehicle_id = vehicle_id
-        super().__init__(f"no picture of vehicle '{vehicle_id}' has shown the landing pad within the last seconds")
-
-
 class NoGroundError(StationError):
     """The ray of a click meets no ground."""
 
@@ -218,7 +209,6 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
     NoPadError: HTTPStatus.NOT_FOUND,
-    NoPadViewError: HTTPStatus.NOT_FOUND,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
     CannotFollowTargetError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AlignmentRefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,

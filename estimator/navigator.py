@@ -493,7 +493,8 @@ class Navigator:
         camera = self._camera_attitude.at(t_us, q, eskf.nominal.boresight_rad)
         given = Given(
             t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset,
-            self._watch.doubts(eskf, self._fixer), None if self._pad is None else self._pad.relative(eskf, t_us),
+            self._watch.doubts(eskf, self._fixer),
+            None if self._pad is None else self._pad.relative(eskf, t_us, min(t_us, self._t_us)),
         )  # fmt: skip
         lever = self._camera_attitude.lever_arm_frd_m
         return snapshot(eskf, given, self.frame, camera, lever, self._ground_down(eskf.nominal.motion.pos_ned_m))

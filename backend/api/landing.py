@@ -52,7 +52,8 @@ async def ask_landing(vehicle_id: str, body: LandingRequest, station: TheStation
 
 @router.get(
     "/vehicles/{vehicle_id}/landing/view",
-    response_class=Response, responses={200: {"content": {"image/jpeg": {}}}},
+    response_class=Response,
+    responses={200: {"content": {"image/jpeg": {}}}, 204: {"description": "No picture has shown the pad lately"}},
 )  # fmt: skip
 async def get_view(vehicle_id: str, station: TheStation) -> Response:
     """The newest picture that showed the pad, as from straight above: pad's x up, y to the right, centre in the middle.
@@ -60,5 +61,7 @@ async def get_view(vehicle_id: str, station: TheStation) -> Response:
     ``X-Side-M`` is the side of the square in metres, ``X-Frame-Id`` the picture.
     """
     view = await station.landings.view(station.live_vehicle(vehicle_id))
+    if view is None:
+        return Response(status_code=HTTPStatus.NO_CONTENT)
     headers = {"Cache-Control": "no-store", "X-Side-M": f"{view.side_m:.6g}", "X-Frame-Id": str(view.frame_id)}
     return Response(view.jpeg, media_type="image/jpeg", headers=headers)

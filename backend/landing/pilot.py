@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from backend.clock import mono_us, unix_us
@@ -61,7 +61,15 @@ class LandingPilot:
         if pad is None or pad.mode is not PadMode.TRACKING:
             why = f": {pad.reason}" if pad is not None and pad.reason else ""
             raise CommandRefusedError(f"the pad must be in the picture when a landing begins{why}")
-        self._descents[vehicle.id] = Descent(vehicle.autopilot, page, unix_us(), self._config)
+        self._descents[vehicle.id] = Descent(vehicle.autopilot, page, unix_us(), self._config_for(vehicle))
+
+    def _config_for(self, vehicle: LiveVehicle) -> LandingConfig:
+        """The guidance counts how old the last picture is; the newest is as old as the estimator is behind."""
+        behind_s = 0.0 if vehicle.worker is None else vehicle.worker.delay_us / 1e6
+        return replace(
+            self._config, hold_after_s=self._config.hold_after_s + behind_s,
+            lost_after_s=self._config.lost_after_s + behind_s,
+        )  # fmt: skip
 
     def abort(self, vehicle: LiveVehicle) -> None:
         """End a vehicle's landing on the operator's word; where there is none nothing happens."""

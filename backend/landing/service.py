@@ -10,7 +10,7 @@ from typing import Any
 import structlog
 
 from backend.clock import mono_us, unix_us
-from backend.errors import CommandRefusedError, ConflictError, NoPadError, NoPadViewError, StationError
+from backend.errors import CommandRefusedError, ConflictError, NoPadError, StationError
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
 from backend.landing.aiding import Aiding
@@ -175,16 +175,16 @@ class Landings:
         place = place_fields(state, vehicle.setup)
         return {"vehicle_id": vehicle.id, **place, "aiding": told, "descent": self.pilot.message(vehicle)}
 
-    async def view(self, vehicle: LiveVehicle) -> PadView:
-        """The newest picture that showed the pad, as from straight above it; NoPadViewError when there is none."""
+    async def view(self, vehicle: LiveVehicle) -> PadView | None:
+        """The newest picture that showed the pad, as from straight above it; None where none has lately."""
         pad, setup = self.pad, vehicle.setup
         relative = None if vehicle.latest is None else vehicle.latest.state.pad
         seen = None if relative is None else relative.seen
         if setup is None or seen is None or unix_us() - seen.t_us > VIEW_OF_US:
-            raise NoPadViewError(vehicle.id)
+            return None
         picture = self._pictures.get(seen.frame_id)
         if picture is None:
-            raise NoPadViewError(vehicle.id)
+            return None
         return await asyncio.to_thread(pad_view, picture, seen, setup.camera, pad)
 
     def _publish(self, vehicle: LiveVehicle) -> None:

@@ -190,8 +190,12 @@ class PadTracker:
         H = eskf.layout.jacobian(3, pad_position=np.eye(3))
         return Innovation(self._surveyed.pos_ned_m - pad.pos_ned_m, H, np.eye(3) * self._surveyed.std_m**2)
 
-    def relative(self, eskf: ErrorStateFilter, t_us: int) -> PadRelative:
-        """Where the vehicle is relative to the pad by a filter that stands at ``t_us``."""
+    def relative(self, eskf: ErrorStateFilter, t_us: int, looked_to_us: int | None = None) -> PadRelative:
+        """Where the vehicle is relative to the pad by a filter that stands at ``t_us``.
+
+        Pictures have been looked at to ``looked_to_us``, ``t_us`` if not given: a pad that is carried on from there for
+        want of later ones is not yet out of sight.
+        """
         status, pad, motion = self._status, eskf.nominal.pad, eskf.nominal.motion
         vel, cov_vel = motion.vel_ned_m_s.copy(), eskf.cov("velocity")
         if pad is None or status.used_us is None:
@@ -201,16 +205,17 @@ class PadTracker:
         H = eskf.layout.jacobian(3, position=np.eye(3), pad_position=-np.eye(3))
         cov = H @ eskf.P @ H.T
         age_s = max(t_us - status.used_us, 0) / 1e6
-        mode = self._mode(age_s, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
+        unseen_s = max((t_us if looked_to_us is None else looked_to_us) - status.used_us, 0) / 1e6
+        mode = self._mode(unseen_s, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
         return PadRelative(
             mode, motion.pos_ned_m - pad.pos_ned_m, vel, cov, cov_vel, pad.q_ned_from_pad.copy(), age_s,
             status.reason, status.seen,
         )  # fmt: skip
 
-    def _mode(self, age_s: float, std_m: float) -> PadMode:
-        if std_m > self.config.landing_std_m and age_s > self.config.tracking_s:
+    def _mode(self, unseen_s: float, std_m: float) -> PadMode:
+        if std_m > self.config.landing_std_m and unseen_s > self.config.tracking_s:
             return PadMode.LOST
-        return PadMode.TRACKING if age_s <= self.config.tracking_s else PadMode.DEAD_RECKONING
+        return PadMode.TRACKING if unseen_s <= self.config.tracking_s else PadMode.DEAD_RECKONING
 
     def _from_survey(self, eskf: ErrorStateFilter) -> tuple[Float, Float]:
         """Position and covariance before a picture has shown it, NaN where nobody has said where it lies."""

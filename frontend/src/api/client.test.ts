@@ -28,7 +28,8 @@ describe('RestApi', () => {
   it('takes no pad, and no picture of it, for an answer', async () => {
     const { api } = station(404, { title: 'Not Found', detail: 'no landing pad is described' });
     expect(await api.pad()).toBeNull();
-    expect(await api.padView('1')).toBeNull();
+    expect(await station(204, undefined).api.padView('1')).toBeNull();
+    await expect(api.padView('1')).rejects.toThrow('no landing pad');
     await expect(station(409, { title: 'Conflict' }).api.pad()).rejects.toThrow('Conflict');
   });
 

@@ -308,7 +308,7 @@ export class RestApi implements StationApi {
   async padView(vehicle_id: string): Promise<PadView | null> {
     const url = new URL(`api/v1/vehicles/${encodeURIComponent(vehicle_id)}/landing/view`, this.base);
     const response = await this.send(new Request(url));
-    if (response.status === 404) return null;
+    if (response.status === 204) return null;
     if (!response.ok) throw problemError(response.status, await response.text());
     const of = (name: string) => Number(response.headers.get(name));
     return { frame_id: of('X-Frame-Id'), side_m: of('X-Side-M'), picture: await response.blob() };
