@@ -47,6 +47,7 @@ class PadConfig:
     foreseen_share: float = 0.04
     search_interval_s: float = 0.1
     tracking_s: float = 0.3
+    behind_s: float = 0.8
     landing_std_m: float = 0.3
     moved_after_s: float = 1.0
     least_tilt_rad: float = 0.003
@@ -194,7 +195,7 @@ class PadTracker:
         """Where the vehicle is relative to the pad by a filter that stands at ``t_us``.
 
         Pictures have been looked at to ``looked_to_us``, ``t_us`` if not given: a pad that is carried on from there for
-        want of later ones is not yet out of sight.
+        want of later ones is not yet out of sight, unless that is longer ago than ``behind_s``.
         """
         status, pad, motion = self._status, eskf.nominal.pad, eskf.nominal.motion
         vel, cov_vel = motion.vel_ned_m_s.copy(), eskf.cov("velocity")
@@ -205,7 +206,8 @@ class PadTracker:
         H = eskf.layout.jacobian(3, position=np.eye(3), pad_position=-np.eye(3))
         cov = H @ eskf.P @ H.T
         age_s = max(t_us - status.used_us, 0) / 1e6
-        unseen_s = max((t_us if looked_to_us is None else looked_to_us) - status.used_us, 0) / 1e6
+        behind_s = 0.0 if looked_to_us is None else (t_us - looked_to_us) / 1e6
+        unseen_s = age_s - min(max(behind_s, 0.0), self.config.behind_s)
         mode = self._mode(unseen_s, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
         return PadRelative(
             mode, motion.pos_ned_m - pad.pos_ned_m, vel, cov, cov_vel, pad.q_ned_from_pad.copy(), age_s,
