@@ -14,6 +14,7 @@ from backend.errors import CommandRefusedError, ConflictError, NoPadError, Stati
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
 from backend.landing.aiding import Aiding
+from backend.landing.gaze import PAN_TILT, Gaze
 from backend.landing.messages import place_fields
 from backend.landing.pads import Pads
 from backend.landing.pages import Pages
@@ -50,6 +51,7 @@ class Landings:
         self._say = say
         self.pilot = LandingPilot(Wires(link_of, command, self._tell), LandingConfig(gear_m=gear_height_m))
         self._aiding: dict[str, Aiding] = {}
+        self._gazes: dict[str, Gaze] = {}
 
     # --- the pad ---
 
@@ -95,6 +97,10 @@ class Landings:
             self._begin_aiding(vehicle, body.page)
         elif body.aiding is False:
             self._aiding.pop(vehicle.id, None)
+        if body.gaze is True:
+            self._begin_gaze(vehicle, body.page)
+        elif body.gaze is False:
+            self._end_gaze(vehicle)
         self._publish(vehicle)
 
     def _begin_aiding(self, vehicle: LiveVehicle, page: str | None) -> None:
@@ -109,6 +115,21 @@ class Landings:
             link.link.request_rate(vehicle.system_id, LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ)
             link.send_soon()
         self._aiding[vehicle.id] = Aiding(form, name)
+
+    def _begin_gaze(self, vehicle: LiveVehicle, page: str | None) -> None:
+        name = self._page(page)
+        _ = self.pad
+        self._link(vehicle)
+        if vehicle.setup is None or vehicle.setup.gimbal != PAN_TILT:
+            raise CommandRefusedError(
+                f"the camera of vehicle '{vehicle.id}' cannot be turned: its camera file does not say 'pan_tilt'"
+            )
+        self._gazes[vehicle.id] = Gaze(name)
+
+    def _end_gaze(self, vehicle: LiveVehicle) -> None:
+        gaze = self._gazes.pop(vehicle.id, None)
+        if gaze is not None:
+            gaze.release(vehicle, self._link_of(vehicle))
 
     def _page(self, page: str | None) -> str:
         if page is None or not self.pages.is_there(page, mono_us()):
@@ -133,6 +154,9 @@ class Landings:
     def on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         """A vehicle's new state: with each goes what is sent to the vehicle."""
         self.pilot.on_state(vehicle, update.state)
+        gaze, wired = self._gazes.get(vehicle.id), self._link_of(vehicle)
+        if gaze is not None and wired is not None:
+            gaze.point(vehicle, update.state, wired)
         aiding = self._aiding.get(vehicle.id)
         if aiding is None:
             return
@@ -146,6 +170,9 @@ class Landings:
         now_us = unix_us()
         for vehicle in self._vehicles().values():
             self.pilot.tick(vehicle, self.pages.is_there)
+            gaze = self._gazes.get(vehicle.id)
+            if gaze is not None and not self.pages.is_there(gaze.page, mono_us()):
+                self._end_gaze(vehicle)
             aiding = self._aiding.get(vehicle.id)
             if aiding is not None and not self.pages.is_there(aiding.page, mono_us()):
                 del self._aiding[vehicle.id]
@@ -158,6 +185,8 @@ class Landings:
     async def close(self) -> None:
         """The station stops: end what it flies."""
         self._aiding.clear()
+        for vehicle in self._vehicles().values():
+            self._end_gaze(vehicle)
         await self.pilot.close(self._vehicles)
 
     # --- what is told ---
@@ -173,7 +202,17 @@ class Landings:
                 "reason": aiding.reason,
             }  # fmt: skip
         place = place_fields(state, vehicle.setup)
-        return {"vehicle_id": vehicle.id, **place, "aiding": told, "descent": self.pilot.message(vehicle)}
+        return {
+            "vehicle_id": vehicle.id, **place, "aiding": told, "descent": self.pilot.message(vehicle),
+            "gaze": self._gaze_fields(vehicle),
+        }  # fmt: skip
+
+    def _gaze_fields(self, vehicle: LiveVehicle) -> dict[str, Any] | None:
+        gaze = self._gazes.get(vehicle.id)
+        if gaze is not None:
+            return {"on": True, "reason": gaze.reason}
+        turns = vehicle.setup is not None and vehicle.setup.gimbal == PAN_TILT
+        return {"on": False, "reason": ""} if turns else None
 
     async def view(self, vehicle: LiveVehicle) -> PadView | None:
         """The newest picture that showed the pad, as from straight above it; None where none has lately."""

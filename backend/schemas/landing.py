@@ -64,6 +64,13 @@ class AidingBody(BaseModel):
     reason: str
 
 
+class GazeBody(BaseModel):
+    """A pan-tilt camera kept on the pad: asked for, and why it is not pointed; null where the camera cannot turn."""
+
+    on: bool
+    reason: str
+
+
 class DescentBody(BaseModel):
     """The landing that the station flies, or flew last: how far, and why it holds or has ended."""
 
@@ -110,6 +117,7 @@ class LandingBody(BaseModel):
     coast_left_s: float | None
     aiding: AidingBody
     descent: DescentBody | None
+    gaze: GazeBody | None
 
 
 class LandingRequest(BaseModel):
@@ -119,5 +127,6 @@ class LandingRequest(BaseModel):
 
     page: PageName | None = None
     aiding: bool | None = None
+    gaze: bool | None = None
     land: Literal[True] | None = None
     abort: Literal[True] | None = None

@@ -52,6 +52,8 @@ export interface PadView {
 
 export interface LandingWish {
   aiding?: boolean;
+  /** Whether a pan-tilt camera is kept on the pad. */
+  gaze?: boolean;
   land?: true;
   abort?: true;
 }

@@ -913,6 +913,16 @@ export interface components {
             ce90_m: number | null;
         };
         /**
+         * GazeBody
+         * @description A pan-tilt camera kept on the pad: asked for, and why it is not pointed; null where the camera cannot turn.
+         */
+        GazeBody: {
+            /** On */
+            on: boolean;
+            /** Reason */
+            reason: string;
+        };
+        /**
          * Health
          * @description The process answers.
          */
@@ -986,6 +996,7 @@ export interface components {
             coast_left_s: number | null;
             aiding: components["schemas"]["AidingBody"];
             descent: components["schemas"]["DescentBody"] | null;
+            gaze: components["schemas"]["GazeBody"] | null;
         };
         /**
          * LandingRequest
@@ -996,6 +1007,8 @@ export interface components {
             page?: string | null;
             /** Aiding */
             aiding?: boolean | null;
+            /** Gaze */
+            gaze?: boolean | null;
             /** Land */
             land?: true | null;
             /** Abort */
@@ -2285,6 +2298,13 @@ export interface operations {
                 content: {
                     "image/jpeg": unknown;
                 };
+            };
+            /** @description No picture has shown the pad lately */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description A problem (RFC 9457) */
             default: {

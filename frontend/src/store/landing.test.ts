@@ -24,6 +24,7 @@ const LANDING: Landing = {
   std_velocity_m_s: 0.04,
   coast_left_s: null,
   descent: null,
+  gaze: null,
   outlines_px: null,
   seen: null,
   aiding: { on: false, form: null, sending: false, sent: 0, reason: '' },

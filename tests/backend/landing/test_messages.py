@@ -17,7 +17,7 @@ from tests.backend.flight_maker import CAMERA, GROUND_M, LAT_DEG, LON_DEG, state
 from tests.backend.landing.relative import PAD, over_pad
 
 T_US = 1_760_000_000_000_000
-REST = {"aiding": {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}, "descent": None}
+REST = {"aiding": {"on": False, "form": None, "sending": False, "sent": 0, "reason": ""}, "descent": None, "gaze": None}
 
 
 def setup(*, pad: bool = True) -> NavigationSetup:

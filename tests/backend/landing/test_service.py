@@ -7,9 +7,11 @@ import contextlib
 import json
 import socket
 from collections.abc import AsyncIterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
 from backend.clock import unix_us
@@ -19,7 +21,9 @@ from backend.landing import pages
 from backend.navigation.worker import StateUpdate
 from estimator.types import NavigationState, PadMode
 from geodata.pad_file import as_description, pad_from
+from guidance.pan_tilt import GimbalAngles, line_of_sight
 from tests.backend.landing.relative import PAD, over_pad
+from tests.backend.landing.test_messages import setup
 from tests.backend.link.wire import ARDUPILOT, PX4, Sender, dialect, parsed
 from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
 
@@ -367,3 +371,44 @@ async def test_what_cannot_be_landed_is_refused_in_words(tmp_path: Path) -> None
     assert "the pad must be in the picture when a landing begins" in unseen.json()["detail"]
     assert "only part of a triple" in part.json()["detail"]
     assert "ends with the page" in nobody.json()["detail"]
+
+
+class Gimballed(Pilot):
+    """An autopilot whose gimbal obeys who has configured himself into control."""
+
+    def step(self) -> None:
+        heard = len(self.heard)
+        super().step()
+        for message in self.heard[heard:]:
+            if message.get_type() == "COMMAND_LONG" and message.command == 1001:
+                system, component = (0, 0) if message.param1 == -3 else (int(message.param1), int(message.param2))
+                status = dialect.MAVLink_gimbal_manager_status_message(1, 0, 1, system, component, 0, 0)
+                self.send(self.wire.pack(status))
+
+
+async def test_a_pan_tilt_camera_is_kept_on_the_pad_and_handed_back(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Gimballed) as flown:
+        fixed = await flown.ask(page=PAGE, gaze=True)
+        flown.vehicle._setup = replace(setup(), gimbal="pan_tilt")
+        answer = await flown.ask(page=PAGE, gaze=True)
+        t_us = unix_us()
+        async with asyncio.timeout(PATIENCE_S):
+            while len(flown.pilot.of("GIMBAL_MANAGER_SET_PITCHYAW")) < 12:
+                t_us += 100_000
+                flown.give(over_pad(t_us, (4.0, -3.0, -8.0), heading_deg=30.0))
+                await asyncio.sleep(0.02)
+        last = flown.pilot.of("GIMBAL_MANAGER_SET_PITCHYAW")[-1]
+        told = (await flown.ask(gaze=False)).json()["gaze"]
+        async with asyncio.timeout(PATIENCE_S):
+            while [m.param1 for m in flown.pilot.of("COMMAND_LONG") if m.command == 1001] != [255, -3]:
+                await asyncio.sleep(0.01)
+
+    assert fixed.status_code == 409
+    assert "cannot be turned" in fixed.json()["detail"]
+    assert answer.json()["gaze"]["on"] is True
+    assert told == {"on": False, "reason": ""}
+    axis = line_of_sight(GimbalAngles(last.pitch, last.yaw), np.radians(30.0))
+    to_pad = np.array((-4.0, 3.0, 8.0))
+    off_deg = np.degrees(np.arccos(axis @ to_pad / np.linalg.norm(to_pad)))
+    # Within four degrees the yaw need not turn.
+    assert off_deg < 4.1
