@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from backend.fleet.vehicle import LiveVehicle
+from backend.landing.messages import worst_std
 from backend.link.landing_target import TargetForm, target_in_body, target_in_local
+from estimator.measurements.pad_tracking import PadConfig
 from estimator.types import NavigationState, PadMode
 
 KNOWN = (PadMode.TRACKING, PadMode.DEAD_RECKONING)
 OWN_POSITION_SILENT_US = 1_000_000
+# The estimator calls a pad lost by what it knew of it; a state that is carried on from there may be worse.
+LANDING_STD_M = PadConfig().landing_std_m
 
 
 @dataclass(slots=True)
@@ -50,6 +54,9 @@ class Aiding:
             return f"the pad is {'not found' if pad.mode is PadMode.SEARCHING else 'lost'}" + (
                 f": {pad.reason}" if pad.reason else ""
             )
+        std_m = worst_std(pad.cov_pos_ned_m2)
+        if not std_m <= LANDING_STD_M:
+            return f"the pad's place is known to {std_m:.1f} m only"
         if self.form is TargetForm.LOCAL and (own is None or abs(state.t_us - own.t_us) > OWN_POSITION_SILENT_US):
             return "the autopilot does not say where it has itself (LOCAL_POSITION_NED)"
         return ""

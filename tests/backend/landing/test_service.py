@@ -162,6 +162,19 @@ async def test_a_pad_that_is_lost_is_not_told_of_and_a_found_one_again(tmp_path:
     assert reasons == ["the pad is not found: covered", "", "", "the pad is lost: covered", ""]
 
 
+async def test_a_place_too_uncertain_to_land_by_is_not_told(tmp_path: Path) -> None:
+    """Dead reckoned by an estimator that is far behind, as on a busy machine."""
+    async with scene(tmp_path) as flown:
+        await flown.ask(page=PAGE, aiding=True)
+        flown.give(over_pad(unix_us(), mode=PadMode.DEAD_RECKONING, std_m=(0.1, 0.1, 1.7)))
+        told = flown.running.station.landings.message(flown.vehicle)["aiding"]
+        flown.give(over_pad(unix_us()))
+        await flown.pilot.hears(SENT)
+
+    assert (told["sending"], told["reason"]) == (False, "the pad's place is known to 1.7 m only")
+    assert len(flown.pilot.of(SENT)) == 1
+
+
 async def test_a_px4_is_asked_for_its_own_place_and_told_the_pad_s_in_it(tmp_path: Path) -> None:
     async with scene(tmp_path, PX4) as flown:
         await flown.ask(page=PAGE, aiding=True)
