@@ -118,7 +118,7 @@ def measured(seed: int, flight: PadFlight, camera: Camera, config: NavigatorConf
     alone = list(_alone_rad(flight, camera, MANOEUVRES_S))
     alone_low = list(_alone_rad(flight, camera, LOW_S, MANOEUVRES_S))
     flips = [_turned_rad(flight, s) > FLIP_RAD for s in at_15m + descent]
-    followed = [s.pad is not None and s.pad.age_s == 0.0 for s in at_15m + descent]
+    followed = [s.pad is not None and s.pad.age_s <= OUTPUT_US / 1e6 for s in at_15m + descent]
     nees = [float(np.nanmean([_nees(flight, s) for s in states])) for states in (at_15m, descent)]
     blind = [_blind_m(flight, outcome.shown, after_s) for after_s in (1.0, 5.0)]
     return Fused(
