@@ -10,7 +10,7 @@ import json
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -22,8 +22,8 @@ from rich.progress import track
 from benchmarks.pad_flights import FRAME, LOW_S, MANOEUVRES_S, MOUNT, SATELLITES_S, T0_US, PadFlight, fly
 from benchmarks.pad_scenes import HD, VGA, ground_of
 from benchmarks.studies.cli import parse_seeds
-from estimator.geometry.camera import Camera
-from estimator.geometry.rotation import matrix_from_q, q_from_matrix, rotvec_from_q
+from estimator.geometry.camera import GIMBAL_FROM_CAMERA, Camera, Mount
+from estimator.geometry.rotation import euler_from_q, matrix_from_q, q_from_matrix, q_from_rotvec, rotvec_from_q
 from estimator.landing.detector import detect_circles
 from estimator.landing.pad import circle_pad
 from estimator.landing.sighting import PadSighting
@@ -37,6 +37,7 @@ PAD = circle_pad("benchmark", 1.5, 0.3)
 LATENCY_US, OUTPUT_US = 100_000, 20_000
 SETTLED_S = SATELLITES_S + 2.0
 GROUND_STD_M = 2.0
+CALIBRATED_RAD = math.radians(0.1)
 FLIP_RAD = math.radians(6.0)
 VISION_ALONE_EVERY = 4
 
@@ -78,10 +79,19 @@ class Outcome:
     ms: float
 
 
-def estimated(flight: PadFlight, camera: Camera, config: NavigatorConfig, ground_off_m: float) -> Outcome:
+def measured_mount(seed: int, flight: PadFlight) -> Mount:
+    """The mount as one who has measured it to ``CALIBRATED_RAD`` on each axis tells it."""
+    off = matrix_from_q(q_from_rotvec(rng_for(seed, "measured mount").normal(0.0, CALIBRATED_RAD, 3)))
+    roll, pitch, yaw = euler_from_q(q_from_matrix(off @ flight.body_from_camera @ GIMBAL_FROM_CAMERA.T))
+    return Mount(float(roll), float(pitch), float(yaw), MOUNT.lever_arm_frd_m)
+
+
+def estimated(
+    flight: PadFlight, camera: Camera, config: NavigatorConfig, ground_off_m: float, mount: Mount = MOUNT
+) -> Outcome:
     """Give a flight to a Navigator in the order in which a station gets it."""
     ground = FlatGround(FRAME.alt_m - float(flight.pad_ned_m[2]) + ground_off_m)
-    navigator = Navigator(config, camera, MOUNT, "fixed", FRAME, None, ground, pad=PAD)
+    navigator = Navigator(config, camera, mount, "fixed", FRAME, None, ground, pad=PAD)
     samples, frames = iter(flight.samples), iter(flight.frames)
     sample, frame = next(samples, None), next(frames, None)
     shown: list[NavigationState] = []
@@ -105,10 +115,15 @@ def estimated(flight: PadFlight, camera: Camera, config: NavigatorConfig, ground
     return Outcome(shown, fused, 1e3 * spent_s / len(flight.frames))
 
 
-def measured(seed: int, flight: PadFlight, camera: Camera, config: NavigatorConfig) -> Fused:
-    """A flight estimated, and its errors."""
+def measured(
+    seed: int, flight: PadFlight, camera: Camera, config: NavigatorConfig, *, calibrated: bool = False
+) -> Fused:
+    """A flight estimated, and its errors; the mount is as said, or ``calibrated`` before."""
     off_m = float(rng_for(seed, "ground model").normal(0.0, GROUND_STD_M))
-    outcome = estimated(flight, camera, config, off_m)
+    mount = measured_mount(seed, flight) if calibrated else MOUNT
+    if calibrated:
+        config = replace(config, initial=replace(config.initial, boresight_std_rad=CALIBRATED_RAD))
+    outcome = estimated(flight, camera, config, off_m, mount)
     high = [s for s in outcome.shown if SETTLED_S < _s(s) < MANOEUVRES_S]
     at_15m = [s for s in outcome.fused if SETTLED_S < _s(s) < MANOEUVRES_S]
     descent = [s for s in outcome.fused if _s(s) >= MANOEUVRES_S and s.t_us <= flight.last_seen_us]
@@ -209,6 +224,9 @@ def main(
     seeds: Annotated[str, typer.Option(help="Flights, FIRST-LAST.")] = "404-411",
     hd: Annotated[bool, typer.Option("--hd", help="Pictures of 1280x720 instead of 640x480.")] = False,
     rate_hz: Annotated[int, typer.Option(min=5, max=50, help="Pictures a second; a divisor of 200.")] = 20,
+    calibrated: Annotated[
+        bool, typer.Option("--calibrated", help="The camera's mount is known to 0.1 degrees, not to 0.5.")
+    ] = False,
     without_odometry: Annotated[
         bool, typer.Option(help="Compare no picture with the last while the pad is followed.")
     ] = False,
@@ -223,13 +241,14 @@ def main(
     rows = []
     for seed in track(parse_seeds(seeds, short=False), "descents", console=Console(stderr=True), transient=True):
         flight = fly(seed, ground_of(seed, cache), camera, PAD, rate_hz)
-        rows.append(measured(seed, flight, camera, config))
+        rows.append(measured(seed, flight, camera, config, calibrated=calibrated))
     typer.echo(markdown(rows))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         figures = {
             "size": f"{camera.width_px}x{camera.height_px}",
             "rate_hz": rate_hz,
+            "calibrated": calibrated,
             "rows": [asdict(r) for r in rows],
         }
         (out / "pad-fusion.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
