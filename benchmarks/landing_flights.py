@@ -39,6 +39,7 @@ from simulator.world.world import World, world_for
 START_US = 1_760_000_000_000_000
 VIDEO_DELAY_US, DOWNLINK_DELAY_US, UPLINK_DELAY_US = 100_000, 5_000, 10_000
 GUIDANCE_US, TICK_US = 50_000, 100_000
+PICTURES_PER_S = 20.0
 PICTURES_FROM_S, GIVE_UP_S = 6.0, 240.0
 FOLLOWED_S = 1.5
 """So long must the pad be followed before the landing is begun."""
@@ -75,9 +76,8 @@ def scenario_for(seed: int, gimbal: str) -> Scenario:
     pad = SCENARIOS["pad"]
     wind_m_s = float(rng_for(seed, "landings", "wind").uniform(0.0, WIND_M_S))
     flight = pad.flight.model_copy(update={"wind_m_s": wind_m_s, "gust_std_m_s": max(0.3, GUST_SHARE * wind_m_s)})
-    return pad.model_copy(
-        update={"flight": flight, "camera": pad.camera.model_copy(update={"gimbal": gimbal}), "start_unix_us": START_US}
-    )
+    camera = pad.camera.model_copy(update={"gimbal": gimbal, "frames_per_s": PICTURES_PER_S})
+    return pad.model_copy(update={"flight": flight, "camera": camera, "start_unix_us": START_US})
 
 
 class Coded:
