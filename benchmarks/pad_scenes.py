@@ -58,7 +58,8 @@ class PadScene:
     """A ground with a pad on it, and pictures of both.
 
     ``rings`` replaces the pad's rings for prints that are not what the description says; ``sheet`` scales, mirrored or
-    partly missing pads are made of them. ``shift_m`` moves a second copy of the rings, for two pads in view.
+    partly missing pads are made of them. ``shift_m`` moves a second copy of the rings, for two pads in view. The pad
+    lies at ``corner_px`` of the ground, else elsewhere in each picture.
     """
 
     ground: Image
@@ -67,7 +68,9 @@ class PadScene:
     rings: tuple[Ring, ...] | None = None
     second_at_m: tuple[float, float] | None = None
     missing_beyond_y_m: float = math.inf
+    corner_px: tuple[float, float] | None = None
     _rays: Float32 = field(init=False)
+    _whole: Float32 | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         u, v = np.meshgrid(np.arange(self.camera.width_px), np.arange(self.camera.height_px))
@@ -87,7 +90,7 @@ class PadScene:
 
     def _ground(self, xy: Float32, rng: np.random.Generator) -> Float32:
         rows, cols = self.ground.shape
-        corner = rng.uniform(0.0, (rows, cols))
+        corner = rng.uniform(0.0, (rows, cols)) if self.corner_px is None else np.array(self.corner_px)
         at = xy / WORLD_GSD_M
         # Where a pixel covers many of the raster, a smaller one is taken, as a lens would average.
         step = max(1.0, float(np.median(np.abs(np.diff(at[:, :, 0], axis=0)))))
@@ -111,7 +114,7 @@ class PadScene:
             if box is None:
                 continue
             rows, cols = box
-            fine = _finer(self._rays[rows, cols])
+            fine = self._fine_rays(rows, cols)
             xy = on_plane(fine, pose.camera_from_pad, pose.pad_in_camera_m) - np.array(place, np.float32)
             value, on_sheet = self._print(xy, sheet)
             ground = cv2.resize(picture[rows, cols], None, fx=SUPERSAMPLING, fy=SUPERSAMPLING,
@@ -124,6 +127,13 @@ class PadScene:
             height, width = picture[rows, cols].shape
             picture[rows, cols] = cv2.resize(value, (width, height), interpolation=cv2.INTER_AREA)
 
+    def _fine_rays(self, rows: slice, cols: slice) -> Float32:
+        if self._rays[rows, cols].shape != self._rays.shape:
+            return _finer(self._rays[rows, cols])
+        if self._whole is None:
+            self._whole = _finer(self._rays)
+        return self._whole
+
     def _print(self, xy: Float32, sheet: Sheet) -> tuple[Float32, NDArray[np.bool_]]:
         x, y = xy[..., 0], xy[..., 1]
         on_sheet = in_sheet(x, y, (*sheet[:3], min(sheet[3], self.missing_beyond_y_m)))
@@ -133,8 +143,26 @@ class PadScene:
             return value, on_sheet
         rings = self.rings if self.rings is not None else (self.pad.rings if self.pad is not None else ())
         for ring in rings:
-            value[in_ring(x, y, ring)] = INK
+            part = _part_near(x, y, ring)
+            if part is not None:
+                value[part][in_ring(x[part], y[part], ring)] = INK
         return value, on_sheet
+
+
+def _part_near(x: Float32, y: Float32, ring: Ring, step: int = 16) -> tuple[slice, slice] | None:
+    """The part of an array of pad coordinates that may lie on a ring, by each ``step``-th ray; None if none does."""
+    coarse_x, coarse_y = x[::step, ::step], y[::step, ::step]
+    if min(coarse_x.shape) < 2:
+        return slice(None), slice(None)
+    gaps = [np.hypot(np.diff(coarse_x, axis=axis), np.diff(coarse_y, axis=axis)).max() for axis in (0, 1)]
+    near = np.hypot(coarse_x - ring.x_m, coarse_y - ring.y_m) <= ring.outer_m + 1.5 * max(gaps)
+    rows, cols = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    if not len(rows):
+        return None
+    return (
+        slice(max(int(rows[0]) - 1, 0) * step, (int(rows[-1]) + 2) * step),
+        slice(max(int(cols[0]) - 1, 0) * step, (int(cols[-1]) + 2) * step),
+    )
 
 
 def _tags_onto(value: Float32, x: Float32, y: Float32, pad: TagPad) -> None:

@@ -117,6 +117,11 @@ class Simulation:
         """Time since the start."""
         return self._steps * STEP_US
 
+    @property
+    def believed_vel_error_ned_m_s(self) -> Float:
+        """How far off the velocity (3,) is that the autopilot flies by."""
+        return self._believed.vel_error_ned_m_s
+
     def receive(self, data: bytes) -> None:
         """A datagram from a ground station; nothing before the first step."""
         if self.state is not None and self._snapshot is not None:
