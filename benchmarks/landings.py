@@ -122,8 +122,11 @@ def _kept(out: Path) -> list[Landing]:
     rows: list[dict[str, Any]] = [
         json.loads(text) for text in out.read_text(encoding="utf-8").splitlines() if text.strip()
     ]
-    names = {field.name for field in fields(Landing)}
-    return [Landing(**{key: math.nan if row[key] is None else row[key] for key in names}) for row in rows]
+    known: list[dict[str, Any]] = [
+        {field.name: math.nan if row[field.name] is None else row[field.name] for field in fields(Landing)}
+        for row in rows
+    ]
+    return [Landing(**row) for row in known]
 
 
 def _finite(row: dict[str, object]) -> dict[str, object]:

@@ -51,7 +51,8 @@ class LandingConfig:
 
     Above ``decision_height_m`` the landing is given up where the pad was last seen ``lost_after_s`` ago, or its place
     is known worse than ``std_m``, or it has not come down for ``patience_s``; ``hold_after_s`` after the pad was last
-    seen it stops sinking.
+    seen it stops sinking. It has landed when in touchdown it has been slower than ``still_m_s`` for ``still_for_s``,
+    or, by an estimate that slides away, has been in touchdown for ``touchdown_for_s``: several times what is left.
     """
 
     gear_m: float = 0.3
@@ -76,6 +77,7 @@ class LandingConfig:
     patience_s: float = 60.0
     still_m_s: float = 0.12
     still_for_s: float = 1.0
+    touchdown_for_s: float = 6.0
 
     def __post_init__(self) -> None:
         rising = (
@@ -116,7 +118,7 @@ class LandingGuidance:
         self._began_us = 0
         self._lowest_m = math.inf
         self._lowest_us = 0
-        self._still_s = 0.0
+        self._still_s = self._touchdown_s = 0.0
         self._wanted: Float = np.zeros(3)
         self._trim: Float = np.zeros(3)
         self._seen_us: int | None = None
@@ -191,7 +193,8 @@ class LandingGuidance:
             # It does not go down although it is told to: the ground holds it.
             still = float(np.linalg.norm(pad.vel_ned_m_s)) < config.still_m_s
             self._still_s = self._still_s + dt_s if still else 0.0
-            if self._still_s >= config.still_for_s:
+            self._touchdown_s += dt_s
+            if self._still_s >= config.still_for_s or self._touchdown_s >= config.touchdown_for_s:
                 self.phase = LandingPhase.LANDED
         return self.over
 

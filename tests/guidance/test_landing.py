@@ -155,6 +155,22 @@ def test_a_pad_lost_below_the_decision_height_is_landed_on() -> None:
     assert np.hypot(*descent.pos[:2]) < 0.15
 
 
+def test_standing_is_noticed_though_the_estimate_moves_on() -> None:
+    """
+    Fault: on the ground the estimate slides away by 0.3 m/s.
+    Expected: it has landed after six seconds of touchdown all the same.
+    """
+
+    def estimate(_: float, pos: Float, vel: Float) -> PadRelative:
+        return seen(pos, vel + np.array((0.3 if pos[2] == -GEAR_M else 0.0, 0, 0)))
+
+    descent = Descent(np.array([0.0, 0.0, -3.3])).fly(60.0, estimate)
+
+    assert descent.guidance.phase is LandingPhase.LANDED
+    touchdown = [command for command in descent.commands if command.phase is LandingPhase.TOUCHDOWN]
+    assert len(touchdown) * 0.05 == pytest.approx(6.0, abs=0.11)
+
+
 def test_no_estimate_at_all() -> None:
     at_once = Descent(np.array([0.0, 0.0, -10.0])).fly(10.0, lambda *_: None)
     assert at_once.guidance.phase is LandingPhase.ABORT
