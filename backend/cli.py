@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from backend.demo import run_demo
+from backend.demo import DemoScenario, run_demo
 from backend.errors import StationError
 from backend.server import configure_logging, run_station
 from backend.settings import load_settings
@@ -82,6 +82,7 @@ def serve(
     ] = None,
     map: Annotated[str | None, typer.Option(help="Reference map: a file, or a map of the library.")] = None,
     camera: Annotated[Path | None, typer.Option(help="Camera file: the camera section of a flight.json.")] = None,
+    pad: Annotated[Path | None, typer.Option(help="Landing pad: the description that 'pilotage pad' writes.")] = None,
     time_offset_s: Annotated[float | None, typer.Option(help="Added to the times of unstamped video.")] = None,
     flights: Annotated[
         list[Path] | None, typer.Option(help="Further folders of flights, read only  (repeatable)")
@@ -96,7 +97,7 @@ def serve(
     configure_logging()
     settings = load_settings(
         config, host=host, port=port, data_dir=data_dir, mavlink=tuple(mavlink) if mavlink else None, video=video,
-        map=map, camera=camera, time_offset_s=time_offset_s, flights=tuple(flights) if flights else None,
+        map=map, camera=camera, pad=pad, time_offset_s=time_offset_s, flights=tuple(flights) if flights else None,
         cot=tuple(cot) if cot else None, record=record or None,
     )  # fmt: skip
 
@@ -110,12 +111,15 @@ def serve(
 def demo(
     port: Annotated[int, typer.Option(help="Port of the console; 0 takes a free one.")] = 8700,
     seed: Annotated[int, typer.Option(help="Another seed is another world, wind and noise.")] = 1,
+    scenario: Annotated[
+        DemoScenario, typer.Option(help="A flight about the country, or to a landing pad, without GPS.")
+    ] = DemoScenario.DEMO,
     no_browser: Annotated[bool, typer.Option("--no-browser", help="Do not open a browser.")] = False,
     data_dir: Annotated[Path | None, typer.Option(help="Folder for targets, maps and flights.")] = None,
 ) -> None:
     """Run a station, a simulated helicopter and a browser page; nothing to configure. Ctrl-C ends all."""
     configure_logging()
-    run_demo(port, seed, not no_browser, data_dir)
+    run_demo(port, seed, not no_browser, data_dir, scenario)
 
 
 def announce(station: Station, address: str) -> None:

@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import webbrowser
+from enum import StrEnum
 from pathlib import Path
 
 import typer
@@ -18,15 +19,25 @@ from backend.settings import default_data_dir, load_settings
 from backend.station import Station
 from geodata.maps import MapLibrary
 
-SCENARIO = "demo"
+
+class DemoScenario(StrEnum):
+    """What the simulated helicopter flies: about the country, or to a landing pad."""
+
+    DEMO = "demo"
+    PAD = "pad"
+
+
 END_TIMEOUT_S = 1.0
 
 
-def run_demo(port: int, seed: int, open_browser: bool, data_dir: Path | None) -> None:
+def run_demo(
+    port: int, seed: int, open_browser: bool, data_dir: Path | None, scenario: DemoScenario = DemoScenario.DEMO
+) -> None:
     """Run the demonstration until Ctrl-C; StartError when a part of it cannot start or ends by itself."""
-    folder = data_dir or default_data_dir() / "demo"
+    # Worlds of two scenarios lie at the same place, so their maps must not meet.
+    folder = data_dir or default_data_dir() / ("demo" if scenario is DemoScenario.DEMO else f"demo-{scenario}")
     world = folder / "world" / f"seed-{seed}"
-    map_id = prepare_world(world, seed, MapLibrary(folder / "maps"))
+    map_id = prepare_world(world, seed, MapLibrary(folder / "maps"), scenario)
     mavlink_port, video_port = free_udp_ports(2)
     settings = load_settings(
         port=port, data_dir=folder, mavlink=(f"udpin:127.0.0.1:{mavlink_port}",),
@@ -46,20 +57,20 @@ def run_demo(port: int, seed: int, open_browser: bool, data_dir: Path | None) ->
         arguments += ["--video", f"udp://127.0.0.1:{video_port}"]
         with log_path.open("wb") as log:
             simulator = await asyncio.create_subprocess_exec(
-                *simulator_command(*arguments), stdin=subprocess.DEVNULL, stdout=log, stderr=log
+                *simulator_command(*arguments, scenario=scenario), stdin=subprocess.DEVNULL, stdout=log, stderr=log
             )
         await _run_beside(simulator, ending, log_path)
 
     run_station(settings, alongside)
 
 
-def prepare_world(world: Path, seed: int, library: MapLibrary) -> str:
+def prepare_world(world: Path, seed: int, library: MapLibrary, scenario: DemoScenario = DemoScenario.DEMO) -> str:
     """Have the simulator write map, elevation and camera of its world, import both; returns the map's id."""
     if not (world / "flight.json").exists():
         typer.echo("preparing the world (once for each seed) ...", err=True)
         world.mkdir(parents=True, exist_ok=True)
         done = subprocess.run(
-            simulator_command("--prepare", str(world), "--seed", str(seed)),
+            simulator_command("--prepare", str(world), "--seed", str(seed), scenario=scenario),
             stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False,
         )  # fmt: skip
         if done.returncode != 0:
@@ -71,9 +82,9 @@ def prepare_world(world: Path, seed: int, library: MapLibrary) -> str:
     return record.id
 
 
-def simulator_command(*arguments: str) -> list[str]:
+def simulator_command(*arguments: str, scenario: DemoScenario = DemoScenario.DEMO) -> list[str]:
     """The command line of a simulator of the demonstration, by the same interpreter."""
-    return [sys.executable, "-m", "backend.cli", "sim", SCENARIO, *arguments]
+    return [sys.executable, "-m", "backend.cli", "sim", str(scenario), *arguments]
 
 
 def free_udp_ports(count: int) -> list[int]:

@@ -11,6 +11,7 @@ StationError            base: ``str()`` is fit for an operator's eyes
   FrameGoneError        the frame is not, or no longer, in the ring
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
+  NoPadError            no landing pad is described
   NoGroundError         the ray of a click meets no ground
   CannotFollowTargetError  what a click shows cannot be followed
   AlignmentRefusedError an operator's alignment of a frame that cannot be meant
@@ -27,7 +28,7 @@ from __future__ import annotations
 
 from http import HTTPStatus
 
-from geodata.errors import FlightFolderError, MapLibraryError, MapNotFoundError, RasterError
+from geodata.errors import FlightFolderError, MapLibraryError, MapNotFoundError, PadFileError, RasterError
 
 
 class StationError(Exception):
@@ -111,6 +112,13 @@ class NoStateYetError(StationError):
     def __init__(self, vehicle_id: str) -> None:
         self.vehicle_id = vehicle_id
         super().__init__(f"no position of vehicle '{vehicle_id}' yet: GET /readyz says what the station waits for")
+
+
+class NoPadError(StationError):
+    """No landing pad is described."""
+
+    def __init__(self) -> None:
+        super().__init__("no landing pad is described: PUT its file to /api/v1/pad, or start with --pad PAD.json")
 
 
 class NoGroundError(StationError):
@@ -200,6 +208,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     FrameGoneError: HTTPStatus.NOT_FOUND,
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
+    NoPadError: HTTPStatus.NOT_FOUND,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
     CannotFollowTargetError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AlignmentRefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,
@@ -210,6 +219,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     CommandRefusedError: HTTPStatus.CONFLICT,
     InvalidRequestError: HTTPStatus.BAD_REQUEST,
     FlightFolderError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    PadFileError: HTTPStatus.UNPROCESSABLE_ENTITY,
     RasterError: HTTPStatus.UNPROCESSABLE_ENTITY,
     MapLibraryError: HTTPStatus.UNPROCESSABLE_ENTITY,
     StationError: HTTPStatus.INTERNAL_SERVER_ERROR,

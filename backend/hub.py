@@ -16,7 +16,7 @@ import orjson
 from backend.clock import unix_us
 
 # Of these only the latest of each vehicle, source or target matters to a slow reader.
-COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting", "sighting"})
+COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting", "sighting", "landing"})
 MAILBOX_MESSAGES = 2000
 MAILBOX_BYTES = 4_000_000
 

@@ -14,6 +14,7 @@ from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource
 
 from backend.errors import StartError
 from backend.exports.destination import Destination
+from guidance.landing import LandingConfig
 
 DEFAULT_PORT = 8700
 
@@ -36,6 +37,8 @@ class Settings(BaseSettings):
     video: str | None = "udp://0.0.0.0:5600"
     map: str | None = None
     camera: Path | None = None
+    pad: Path | None = None
+    gear_height_m: float = Field(default=LandingConfig().gear_m, ge=0, le=10)
     time_offset_s: float | None = Field(default=None, ge=-10, le=10)
     flights: Annotated[tuple[Path, ...], NoDecode] = ()
     cot: Annotated[tuple[str, ...], NoDecode] = ()

@@ -22,7 +22,6 @@ from backend.errors import (
     CommandRefusedError,
     ConflictError,
     InvalidRequestError,
-    StationError,
     TargetNotKeptError,
     UnknownReplayError,
     UnknownSourceError,
@@ -37,13 +36,15 @@ from backend.fleet.feed import FrameIdentity, VideoFeed
 from backend.fleet.fleet import Fleet
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
+from backend.fleet.placing import Placing
 from backend.fleet.vehicle import LiveVehicle, VehicleView
 from backend.flights import FlightShelf
 from backend.following.service import Following
 from backend.hub import Hub
+from backend.landing.service import Landings
 from backend.mapping import StationMaps
 from backend.metrics import Metrics
-from backend.navigation.setup import CameraProfile, Place, build_setup, read_camera_profile
+from backend.navigation.setup import CameraProfile, NavigationSetup, read_camera_profile
 from backend.navigation.worker import StateUpdate
 from backend.playback.replays import Replays
 from backend.recorder.folder import ClickRow
@@ -80,9 +81,18 @@ class Station:
         self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
         self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
+        self.landings = Landings(
+            settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command,
+            settings.gear_height_m,
+        )  # fmt: skip
+        self.placing = Placing(
+            self.maps, settings.time_offset_s, lambda: self.profile,
+            lambda: None if self.camera is None else self.camera.size_px, lambda: self.landings.pads.pad,
+            self._on_placed,
+        )  # fmt: skip
         self.fleet = Fleet(
             settings.estimator_delay_ms * 1000, self.hub.publish,
-            on_heard=self._on_heard, on_place=self._place_vehicle, on_state=self._on_state,
+            on_heard=self._on_heard, on_place=self.placing.place, on_state=self._on_state,
             on_reports=self._on_reports,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
@@ -100,8 +110,6 @@ class Station:
         self._targets: TargetStore | None = None
         self._ticker = Ticker(self)
         self._tasks: set[asyncio.Task[None]] = set()
-        self._placing: set[str] = set()
-        self._setup_problem: dict[str, str] = {}
         self._target_names = 0
 
     @property
@@ -125,6 +133,7 @@ class Station:
         try:
             if self.settings.camera is not None:
                 self.profile = read_camera_profile(self.settings.camera)
+            self.landings.pads.load(self.settings.pad, self.settings.camera)
             self._database = await Database.open(self.settings.data_dir / "station.db")
             self._targets = await TargetStore.load(self._database)
             self._target_names = len(self._targets.all())
@@ -156,7 +165,9 @@ class Station:
     async def stop(self) -> None:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
+        await self.landings.close()
         await self._ticker.stop()
+        await self.placing.close()
         if self.recorder.status.active:
             await asyncio.to_thread(self.recorder.stop)
         for task in list(self._tasks):
@@ -189,14 +200,7 @@ class Station:
             if self.profile is None:
                 waits.append("camera parameters, to navigate by the video: start with --camera CAM.json")
         for vehicle in self.fleet.vehicles.values():
-            if vehicle.id in self._setup_problem:
-                waits.append(f"vehicle {vehicle.id}: a usable map ({self._setup_problem[vehicle.id]})")
-            elif vehicle.id in self._placing:
-                waits.append(f"vehicle {vehicle.id}: the map of its area to be read")
-                continue
-            elif vehicle.setup is not None and vehicle.setup.reference is None:
-                waits.append(f"vehicle {vehicle.id}: a reference map of its area: pilotage map import FILE.tif")
-            waits += vehicle.waiting_for()
+            waits += self.placing.waiting_for(vehicle)
         return waits + self.cot.waiting_for()
 
     async def hello(self) -> dict[str, Any]:
@@ -264,9 +268,14 @@ class Station:
     def command(self, vehicle_id: str, body: CommandBody) -> str:
         """Send a command; returns the id under which its acknowledgement will come."""
         vehicle = self.live_vehicle(vehicle_id)
-        link = next((link for link in self.links if link.name == vehicle.endpoint), None)
+        command_id = self._send_command(vehicle, body)
+        self.landings.pilot.overrule(vehicle, body.command)
+        return command_id
+
+    def _send_command(self, vehicle: LiveVehicle, body: CommandBody) -> str:
+        link = self._link_of(vehicle)
         if link is None or not vehicle.connected:
-            raise CommandRefusedError(f"vehicle '{vehicle_id}' is not connected")
+            raise CommandRefusedError(f"vehicle '{vehicle.id}' is not connected")
         command_id = str(uuid.uuid4())
         frame = None if body.frame_id is None else self.frame_of(vehicle, body.frame_id)
         link_id = send_command(link.link, vehicle, body, frame)
@@ -366,7 +375,7 @@ class Station:
             here = vehicle.here()
             lacks = vehicle.setup is None or vehicle.setup.reference is None
             if here is not None and lacks:
-                self._place_vehicle(vehicle, here)
+                self.placing.place(vehicle, here)
         return body
 
     async def delete_map(self, map_id: str) -> None:
@@ -380,7 +389,7 @@ class Station:
         here = None if vehicle is None else vehicle.here()
         files = None if here is None else self.maps.files_for(here)
         denied = any(v.gps_denied for v in self.fleet.vehicles.values())
-        plan = plan_of(vehicle, self.profile, files, denied, self.settings.time_offset_s)
+        plan = plan_of(vehicle, self.profile, files, denied, self.settings.time_offset_s, self.landings.pads.pad)
         flight_id = await asyncio.to_thread(self.recorder.start, plan, name)
         self.hub.publish("recording", **asdict(self.recorder.status))
         return flight_id
@@ -407,16 +416,6 @@ class Station:
             self.camera.belongs_to(vehicle.id)
         self.hub.publish("vehicle", action="created", vehicle=vehicle.summary())
 
-    def _place_vehicle(self, vehicle: LiveVehicle, here: Place | None) -> None:
-        """Set up a vehicle's estimator, in the background: the map has to be read.
-
-        Without a place the map is searched, if it is plain which one.
-        """
-        if vehicle.id in self._placing:
-            return
-        self._placing.add(vehicle.id)
-        self._in_background(self._set_up(vehicle, here))
-
     def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.create_task(work)
         self._tasks.add(task)
@@ -432,31 +431,12 @@ class Station:
         except GeodataError as error:
             _log.warning("reference of the flight not shown", flight=flight_id, error=str(error))
 
-    async def _set_up(self, vehicle: LiveVehicle, here: Place | None) -> None:
-        try:
-            await self.maps.refresh()
-            known = here is not None
-            if here is None:
-                alt_m = None if self.profile is None else self.profile.map.ground_alt_amsl_m
-                here = await asyncio.to_thread(self.maps.middle, alt_m)
-            if here is None:
-                await asyncio.sleep(5.0)  # then the next sample tries again
-                return
-            size = None if self.camera is None else self.camera.size_px
-            setup = await asyncio.to_thread(
-                build_setup, self.profile, self.maps.files_for(here), here, size, self.settings.time_offset_s
-            )
-        except (GeodataError, StationError, OSError) as error:
-            self._setup_problem[vehicle.id] = str(error)
-            _log.error("estimator not set up", vehicle=vehicle.id, error=str(error))
-            await asyncio.sleep(5.0)  # then the next sample tries again
-        else:
-            self._setup_problem.pop(vehicle.id, None)
-            vehicle.navigate(replace(setup, place_known=known))
-            self._in_background(self.evidence.prepare(setup))
-            self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
-        finally:
-            self._placing.discard(vehicle.id)
+    def _on_placed(self, vehicle: LiveVehicle, setup: NavigationSetup) -> None:
+        self._in_background(self.evidence.prepare(setup))
+        self.hub.publish("vehicle", action="updated", vehicle=vehicle.summary())
+
+    def _link_of(self, vehicle: LiveVehicle) -> LinkEndpoint | None:
+        return next((link for link in self.links if link.name == vehicle.endpoint), None)
 
     def _camera_vehicle(self) -> LiveVehicle | None:
         return None if self.camera is None else self.fleet.vehicles.get(self.camera.vehicle_id)
@@ -466,6 +446,7 @@ class Station:
         vehicle = self._camera_vehicle()
         if vehicle is not None:
             vehicle.offer(picture)
+            self.landings.on_picture(picture)
 
     def _time_offset_s(self) -> float:
         return self.settings.time_offset_s or 0.0
@@ -473,10 +454,11 @@ class Station:
     def _map_vehicle_time(self, t_vehicle_unix_us: int) -> int | None:
         """Station time of a vehicle's Unix time, None when the link does not know it (yet)."""
         vehicle = self._camera_vehicle()
-        link = next((link for link in self.links if vehicle is not None and link.name == vehicle.endpoint), None)
+        link = None if vehicle is None else self._link_of(vehicle)
         return None if link is None or vehicle is None else link.station_time_us(vehicle.system_id, t_vehicle_unix_us)
 
     def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
+        self.landings.on_state(vehicle, update)
         camera_vehicle = self._camera_vehicle()
         if camera_vehicle is None or camera_vehicle is vehicle:
             self.recorder.state(update.state)

@@ -22,13 +22,9 @@ from estimator.geometry.rotation import matrix_from_euler
 from estimator.landing.pad import CirclePad, Pad, Ring, TagPad
 from estimator.landing.pose import PadPose
 from estimator.types import Float, Image
+from simulator.world.pad_print import INK, PAPER, SUPERSAMPLING, Float32, Sheet, box_of, in_ring, in_sheet, on_plane
 from simulator.world.world import WorldSpec, world_for
 
-Float32 = NDArray[np.float32]
-Sheet = tuple[float, float, float, float]
-
-SUPERSAMPLING = 4
-PAPER, INK = 205.0, 22.0
 WORLD_GSD_M = 0.02
 """The world's ground raster is laid out this fine, so that it has detail from a few metres: fields become grass."""
 VGA = Camera(640, 480, 800.0, 800.0, 319.5, 239.5, (-0.12, 0.06, 0.0005, -0.0004, 0.0))
@@ -62,7 +58,8 @@ class PadScene:
     """A ground with a pad on it, and pictures of both.
 
     ``rings`` replaces the pad's rings for prints that are not what the description says; ``sheet`` scales, mirrored or
-    partly missing pads are made of them. ``shift_m`` moves a second copy of the rings, for two pads in view.
+    partly missing pads are made of them. ``shift_m`` moves a second copy of the rings, for two pads in view. The pad
+    lies at ``corner_px`` of the ground, else elsewhere in each picture.
     """
 
     ground: Image
@@ -71,7 +68,9 @@ class PadScene:
     rings: tuple[Ring, ...] | None = None
     second_at_m: tuple[float, float] | None = None
     missing_beyond_y_m: float = math.inf
+    corner_px: tuple[float, float] | None = None
     _rays: Float32 = field(init=False)
+    _whole: Float32 | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
         u, v = np.meshgrid(np.arange(self.camera.width_px), np.arange(self.camera.height_px))
@@ -80,7 +79,7 @@ class PadScene:
 
     def render(self, pose: PadPose, look: Look, rng: np.random.Generator) -> Image:
         """A grey picture (rows, cols) from a pose."""
-        xy = _on_plane(self._rays, pose)
+        xy = on_plane(self._rays, pose.camera_from_pad, pose.pad_in_camera_m)
         picture = self._ground(xy, rng)
         if self.pad is not None:
             self._draw_pad(picture, pose, look, rng)
@@ -91,7 +90,7 @@ class PadScene:
 
     def _ground(self, xy: Float32, rng: np.random.Generator) -> Float32:
         rows, cols = self.ground.shape
-        corner = rng.uniform(0.0, (rows, cols))
+        corner = rng.uniform(0.0, (rows, cols)) if self.corner_px is None else np.array(self.corner_px)
         at = xy / WORLD_GSD_M
         # Where a pixel covers many of the raster, a smaller one is taken, as a lens would average.
         step = max(1.0, float(np.median(np.abs(np.diff(at[:, :, 0], axis=0)))))
@@ -111,12 +110,12 @@ class PadScene:
         litter = _litter(sheet, look.littered, rng)
         places = [(0.0, 0.0)] + ([self.second_at_m] if self.second_at_m else [])
         for place in places:
-            box = _box(pose, self.camera, sheet, place)
+            box = box_of(sheet, self.camera, pose.camera_from_pad, pose.pad_in_camera_m, place)
             if box is None:
                 continue
             rows, cols = box
-            fine = _finer(self._rays[rows, cols])
-            xy = _on_plane(fine, pose) - np.array(place, np.float32)
+            fine = self._fine_rays(rows, cols)
+            xy = on_plane(fine, pose.camera_from_pad, pose.pad_in_camera_m) - np.array(place, np.float32)
             value, on_sheet = self._print(xy, sheet)
             ground = cv2.resize(picture[rows, cols], None, fx=SUPERSAMPLING, fy=SUPERSAMPLING,
                                 interpolation=cv2.INTER_LINEAR)  # fmt: skip
@@ -128,19 +127,42 @@ class PadScene:
             height, width = picture[rows, cols].shape
             picture[rows, cols] = cv2.resize(value, (width, height), interpolation=cv2.INTER_AREA)
 
+    def _fine_rays(self, rows: slice, cols: slice) -> Float32:
+        if self._rays[rows, cols].shape != self._rays.shape:
+            return _finer(self._rays[rows, cols])
+        if self._whole is None:
+            self._whole = _finer(self._rays)
+        return self._whole
+
     def _print(self, xy: Float32, sheet: Sheet) -> tuple[Float32, NDArray[np.bool_]]:
         x, y = xy[..., 0], xy[..., 1]
-        right = min(sheet[3], self.missing_beyond_y_m)
-        on_sheet = (x >= sheet[0]) & (y >= sheet[1]) & (x <= sheet[2]) & (y <= right)
+        on_sheet = in_sheet(x, y, (*sheet[:3], min(sheet[3], self.missing_beyond_y_m)))
         value = np.full(x.shape, PAPER, np.float32)
         if isinstance(self.pad, TagPad):
             _tags_onto(value, x, y, self.pad)
             return value, on_sheet
         rings = self.rings if self.rings is not None else (self.pad.rings if self.pad is not None else ())
         for ring in rings:
-            squared = (x - np.float32(ring.x_m)) ** 2 + (y - np.float32(ring.y_m)) ** 2
-            value[(squared <= ring.outer_m**2) & (squared > ring.inner_m**2)] = INK
+            part = _part_near(x, y, ring)
+            if part is not None:
+                value[part][in_ring(x[part], y[part], ring)] = INK
         return value, on_sheet
+
+
+def _part_near(x: Float32, y: Float32, ring: Ring, step: int = 16) -> tuple[slice, slice] | None:
+    """The part of an array of pad coordinates that may lie on a ring, by each ``step``-th ray; None if none does."""
+    coarse_x, coarse_y = x[::step, ::step], y[::step, ::step]
+    if min(coarse_x.shape) < 2:
+        return slice(None), slice(None)
+    gaps = [np.hypot(np.diff(coarse_x, axis=axis), np.diff(coarse_y, axis=axis)).max() for axis in (0, 1)]
+    near = np.hypot(coarse_x - ring.x_m, coarse_y - ring.y_m) <= ring.outer_m + 1.5 * max(gaps)
+    rows, cols = np.flatnonzero(near.any(axis=1)), np.flatnonzero(near.any(axis=0))
+    if not len(rows):
+        return None
+    return (
+        slice(max(int(rows[0]) - 1, 0) * step, (int(rows[-1]) + 2) * step),
+        slice(max(int(cols[0]) - 1, 0) * step, (int(cols[-1]) + 2) * step),
+    )
 
 
 def _tags_onto(value: Float32, x: Float32, y: Float32, pad: TagPad) -> None:
@@ -151,19 +173,6 @@ def _tags_onto(value: Float32, x: Float32, y: Float32, pad: TagPad) -> None:
         col = np.floor((0.5 + (y - tag.y_m) / tag.side_m) * 8.0).astype(int)
         there = (row >= 0) & (row < 8) & (col >= 0) & (col < 8)
         value[there] = np.where(cells[row[there], col[there]] > 127, PAPER, INK)
-
-
-def _on_plane(xy: Float32, pose: PadPose) -> Float32:
-    """Pad coordinates x, y of rays (..., 2) at z = 1; far away where a ray does not come down."""
-    pad_from_camera = pose.camera_from_pad.T.astype(np.float32)
-    origin = pose.pos_pad_m.astype(np.float32)
-    down = pad_from_camera[2, 0] * xy[..., 0] + pad_from_camera[2, 1] * xy[..., 1] + pad_from_camera[2, 2]
-    fall = -origin[2] / np.maximum(down, np.float32(1e-3))
-    out = np.empty((*xy.shape[:-1], 2), np.float32)
-    for axis in range(2):
-        along = pad_from_camera[axis, 0] * xy[..., 0] + pad_from_camera[axis, 1] * xy[..., 1] + pad_from_camera[axis, 2]
-        out[..., axis] = origin[axis] + fall * along
-    return out
 
 
 def _finer(rays: Float32) -> Float32:
@@ -181,29 +190,6 @@ def _finer(rays: Float32) -> Float32:
         lines[:, col] * (1 - right)[None, :, None] + lines[:, np.minimum(col + 1, width - 1)] * right[None, :, None]
     )
     return across
-
-
-def _box(pose: PadPose, camera: Camera, sheet: Sheet, place: tuple[float, float]) -> tuple[slice, slice] | None:
-    """The part of the picture that may show the sheet."""
-    x = np.linspace(sheet[0], sheet[2], 9) + place[0]
-    y = np.linspace(sheet[1], sheet[3], 9) + place[1]
-    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    at = np.column_stack((grid, np.zeros(len(grid)))) @ pose.camera_from_pad.T + pose.pad_in_camera_m
-    size = np.array((camera.width_px, camera.height_px))
-    near = at[:, 2] < 0.05
-    ideal = Camera(camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px)
-    uv = ideal.project(at[~near])
-    if not len(uv):
-        return None
-    low = np.floor(np.nanmin(uv, axis=0)) - 12 if not near.any() else np.zeros(2)
-    high = np.ceil(np.nanmax(uv, axis=0)) + 13 if not near.any() else size.astype(float)
-    low, high = np.clip(low, 0, size).astype(int), np.clip(high, 0, size).astype(int)
-    # Barrel distortion draws everything inwards, by more at the rim than the margin above.
-    if near.any() or np.any(low <= 12) or np.any(high >= size - 13):
-        low, high = np.zeros(2, int), size
-    if np.any(high - low < 4):
-        return None
-    return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
 def _strip(sheet: Sheet, share: float, rng: np.random.Generator) -> tuple[float, ...] | None:

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 
 from benchmarks.budget import Measurement, percentile
-from estimator.filters.eskf import ErrorStateFilter, Layout, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
 from estimator.filters.initialise import FirstEstimate, InitialGuess, aligned
+from estimator.filters.nominal import Layout
 from estimator.filters.point_mass import PointMassConfig, PointMassFilter
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from estimator.filters.eskf import Nominal
+from estimator.filters.nominal import Nominal
 from estimator.filters.strapdown import EarthModel, propagate
 from estimator.types import InertialSample
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.geometry.rotation import matrix_from_q, q_multiply, q_slerp, rotvec_from_q
-from estimator.types import Float, InertialSample, NavigationState, Sample
+from estimator.types import Float, InertialSample, NavigationState, PadRelative, Sample
 
 MOST_CORRECTED_US = 600_000_000
 """Of a whole flight's history the states of so long are kept with their predictions."""
@@ -225,6 +225,19 @@ def between(before: NavigationState, after: NavigationState, t_us: int) -> Navig
         q_ned_from_body=q_slerp(before.q_ned_from_body, after.q_ned_from_body, share),
         q_ned_from_camera=q_slerp(before.q_ned_from_camera, after.q_ned_from_camera, share),
         lever_ned_m=before.lever_ned_m + share * (after.lever_ned_m - before.lever_ned_m),
+        pad=_between_pads(before.pad, after.pad, share),
+    )
+
+
+def _between_pads(before: PadRelative | None, after: PadRelative | None, share: float) -> PadRelative | None:
+    """A place between two: position and velocity linear, the rest from the nearer."""
+    nearer = before if share < 0.5 else after
+    if before is None or after is None or nearer is None:
+        return nearer
+    return replace(
+        nearer,
+        pos_ned_m=before.pos_ned_m + share * (after.pos_ned_m - before.pos_ned_m),
+        vel_ned_m_s=before.vel_ned_m_s + share * (after.vel_ned_m_s - before.vel_ned_m_s),
     )
 
 

@@ -15,25 +15,29 @@ from functools import partial
 import numpy as np
 
 from estimator.ahead import Ahead
-from estimator.filters.eskf import ErrorStateFilter, InnovationTally, Layout
+from estimator.filters.eskf import ErrorStateFilter, InnovationTally
 from estimator.filters.initialise import FirstEstimate, InitialConditions, aligned
+from estimator.filters.nominal import PAD_GROUPS, Layout
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise
-from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, SampleRate, StateHistory, rotation_between
+from estimator.history import AttitudeTrack, InertialTrack, SampleQueue, SampleRate, StateHistory
+from estimator.integrity.picture import grey
+from estimator.landing.pad import Pad
 from estimator.measurements import barometer, gnss, heading, operator_fix
 from estimator.measurements.camera_attitude import CameraAttitude, CameraAttitudeModel, Gimbal
 from estimator.measurements.global_fix import FoundPose, GlobalFixer
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
+from estimator.measurements.pad_tracking import PadTracker, SurveyedPlace
 from estimator.measurements.picture_to_picture import VisualOdometry
 from estimator.measurements.self_watch import SelfWatch
 from estimator.measurements.video_clock import VideoClock, offset_of
 from estimator.navigator_config import GROUPS, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.registration.alignment import Registrar
-from estimator.snapshot import Given, horizontal_std_m, snapshot
+from estimator.snapshot import Given, carried_on, horizontal_std_m, snapshot
 from estimator.types import (
     AlignmentSample,
     AttitudeSample,
@@ -59,12 +63,14 @@ class Navigator:
     """Fuses the samples of one vehicle. Not thread-safe: one owner calls it.
 
     ``corrected`` gives any thread the past, for `estimator.smoothing`. ``while_busy`` is entered with an `Outlook` for
-    as long as a picture is worked on, tens of milliseconds.
+    as long as a picture is worked on, tens of milliseconds. With a ``pad`` that is sought in every picture;
+    ``pad_at`` says where it lies, if anybody knows.
     """
 
     def __init__(
         self, config: NavigatorConfig, camera: Camera, mount: Mount, gimbal: str, frame: LocalFrame,
         reference: ReferenceMap | None, ground: GroundModel, clock_s: Callable[[], float] = time.perf_counter,
+        pad: Pad | None = None, pad_at: SurveyedPlace | None = None,
     ) -> None:  # fmt: skip
         self.config = config
         self.frame = frame
@@ -96,6 +102,8 @@ class Navigator:
             self._fixer = MapFixer(registrar, config.map_fix)
             if config.global_fix.enabled:
                 self._search = GlobalFixer(camera, reference, ground, frame.alt_m, config.global_fix)
+        self._pad = None if pad is None else PadTracker(camera, pad, config.pad, pad_at)
+        self._groups = config.groups if pad is None else (*config.groups, *PAD_GROUPS)
         self._video_clock = VideoClock(camera, mount, gimbal, config.video_clock) if config.find_video_offset else None
         self._video_epoch: int | None = None
         self._video_stamped = False
@@ -175,7 +183,7 @@ class Navigator:
         down_camera = np.array([0.0, 0.0, 1.0])
         if self._eskf is not None:
             down_camera = self._camera_now(self._eskf)[0].ned_from_camera[2]
-        clock.see(sample.t_us, _grey(sample.image), down_camera)
+        clock.see(sample.t_us, grey(sample.image), down_camera)
         self.stage_seconds["video_clock"] = self.stage_seconds.get("video_clock", 0.0) + self._clock_s() - started
         return replace(sample, t_us=self.exposure_us(sample.t_us))
 
@@ -233,11 +241,7 @@ class Navigator:
         eskf.nominal = ahead.coasting(t_us).nominal
         state = self._snapshot(eskf, t_us, lost)
         eskf.nominal = nominal
-        dt_s = (t_us - self._t_us) / 1e6
-        grown = state.cov_pos_ned_m2 + state.cov_vel_ned_m2_s2 * dt_s**2
-        pose = state.cov_camera_pose.copy()
-        pose[:3, :3] += state.cov_vel_ned_m2_s2 * dt_s**2
-        return replace(state, cov_pos_ned_m2=grown, cov_camera_pose=pose)
+        return carried_on(state, (t_us - self._t_us) / 1e6)
 
     def _handle(self, sample: Sample) -> FixReport | None:
         if isinstance(sample, GnssSample) and self.gps_denied:
@@ -287,7 +291,7 @@ class Navigator:
                 self._search_map(sample)
 
     def _start(self, first: FirstEstimate, t_us: int) -> None:
-        layout = Layout.of(self.config.groups)
+        layout = Layout.of(self._groups)
         nominal, P = aligned(first, layout, self._guess, self.config.noise)
         self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
         self._watch.place_was_given()
@@ -305,7 +309,7 @@ class Navigator:
             self._searching = True
         started = self._clock_s()
         camera = self._camera_attitude.at(sample.t_us, reported, np.zeros(3), turned=False)
-        found = self._search.offer(sample.t_us, _grey(sample.image), camera.ned_from_camera, self._pressure_alt_m)
+        found = self._search.offer(sample.t_us, grey(sample.image), camera.ned_from_camera, self._pressure_alt_m)
         self.stage_seconds["search"] = self.stage_seconds.get("search", 0.0) + self._clock_s() - started
         if found is not None:
             self._start_at(found, reported, self._pressure_alt_m)
@@ -350,19 +354,10 @@ class Navigator:
             if self._process_model() == "inertial" and reading is not None:
                 eskf.predict_inertial(*reading, dt_s)
             else:
-                self._predict_attitude_driven(eskf, self._t_us + step_us, dt_s)
+                before, reported = self._reported_at(self._t_us), self._reported_at(self._t_us + step_us)
+                eskf.predict_by_reports(before, reported, dt_s)
             self._t_us += step_us
         self.stage_seconds["inertial"] += self._clock_s() - started
-
-    def _predict_attitude_driven(self, eskf: ErrorStateFilter, t_us: int, dt_s: float) -> None:
-        reported, before = self._reported_at(t_us), self._reported_at(self._t_us)
-        q_now = eskf.nominal.motion.q_ned_from_body
-        noise = self.config.noise
-        if reported is not None and before is not None:
-            correction = rotation_between(before, q_now) * np.exp(-dt_s / noise.attitude_bias_time_s)
-            q_now = q_normalise(q_multiply(q_from_rotvec(correction), reported))
-        std = np.array(noise.attitude_bias_std_rad)
-        eskf.predict_attitude_driven(q_now, std, noise.attitude_bias_time_s, dt_s)
 
     def _due(self, what: str, t_us: int, interval_s: float) -> bool:
         if t_us - self._last_us[what] < interval_s * 1e6:
@@ -425,20 +420,22 @@ class Navigator:
         eskf = self._eskf
         if eskf is None:
             return None
-        started = self._clock_s()
         if self._video_clock is not None and not sample.stamped:
             if not self._video_clock.settled:
                 return None
             self._apply("boresight", self._video_clock.boresight(eskf), gate_sigmas=6.0)
-        image = _grey(sample.image)
+        image = grey(sample.image)
+        on_pad = self._fuse_pad(sample, image, eskf)
         if not self._watch.takes(image):
             return None
-        self._odometry.fuse(sample.t_us, image, eskf, self._camera_now, self._down_at, self._apply)
-        camera, camera_pos = self._camera_now(eskf)
-        self.stage_seconds["odometry"] += self._clock_s() - started
-        interval_s = self.config.fix_interval_s
-        if self._fixer is None or self._odometry.frozen or not self._due("fix", sample.t_us, interval_s):
+        if not (on_pad and self.config.pad.instead_of_odometry):
+            started = self._clock_s()
+            self._odometry.fuse(sample.t_us, image, eskf, self._camera_now, self._down_at, self._apply)
+            self.stage_seconds["odometry"] += self._clock_s() - started
+        wanted = not self._odometry.frozen and not (on_pad and self.config.pad.instead_of_map)
+        if self._fixer is None or not wanted or not self._due("fix", sample.t_us, self.config.fix_interval_s):
             return None
+        camera, camera_pos = self._camera_now(eskf)
         started = self._clock_s()
         ground_down = float(self._ground_down(camera_pos))
         fix = partial(self._fixer.attempt, replace(sample, image=image), eskf, camera, camera_pos, ground_down)
@@ -446,11 +443,22 @@ class Navigator:
         self.stage_seconds["registration"] += self._clock_s() - started
         return report
 
+    def _fuse_pad(self, sample: FrameSample, image: Image, eskf: ErrorStateFilter) -> bool:
+        """Use a picture's landing pad; whether that is followed."""
+        if self._pad is not None:
+            started = self._clock_s()
+            self._pad.fuse(sample.t_us, sample.frame_id, image, eskf, self._camera_now, self._apply)
+            self.stage_seconds["pad"] = self.stage_seconds.get("pad", 0.0) + self._clock_s() - started
+        return self._on_pad(sample.t_us)
+
+    def _on_pad(self, t_us: int) -> bool:
+        return self._pad is not None and self._pad.followed(t_us)
+
     def _search_while_lost(self, sample: FrameSample) -> None:
         eskf = self._eskf
         if eskf is None or self._search is None or not self.config.global_fix.after_loss:
             return
-        if self._mode(eskf, sample.t_us, self._is_lost(eskf)) is Mode.LOST:
+        if not self._on_pad(sample.t_us) and self._mode(eskf, sample.t_us, self._is_lost(eskf)) is Mode.LOST:
             self._search_map(sample)
         else:
             self._searching = False
@@ -469,7 +477,8 @@ class Navigator:
             return Mode.GPS
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
-        if self._fix_age_s(t_us) <= self.config.vision_timeout_s and std <= self.config.vision_std_m:
+        seen = self._fix_age_s(t_us) <= self.config.vision_timeout_s or self._on_pad(t_us)
+        if seen and std <= self.config.vision_std_m:
             return Mode.VISION
         return Mode.DEAD_RECKONING
 
@@ -487,10 +496,7 @@ class Navigator:
         given = Given(
             t_us, self._mode(eskf, t_us, lost), self._process_model(), self._fix_age_s(t_us), self.video_offset,
             self._watch.doubts(eskf, self._fixer),
+            None if self._pad is None else self._pad.relative(eskf, t_us, min(t_us, self._t_us)),
         )  # fmt: skip
         lever = self._camera_attitude.lever_arm_frd_m
         return snapshot(eskf, given, self.frame, camera, lever, self._ground_down(eskf.nominal.motion.pos_ned_m))
-
-
-def _grey(image: Image) -> Image:
-    return image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8)

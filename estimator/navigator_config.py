@@ -11,6 +11,7 @@ from estimator.filters.eskf import ProcessNoise
 from estimator.filters.initialise import InitialGuess
 from estimator.measurements.global_fix import GlobalFixConfig
 from estimator.measurements.map_fix import MapFixConfig
+from estimator.measurements.pad_tracking import PadConfig
 from estimator.measurements.picture_to_picture import OdometryConfig
 from estimator.measurements.self_watch import SelfWatchConfig
 from estimator.measurements.video_clock import VideoClockConfig
@@ -40,6 +41,7 @@ class NavigatorConfig:
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     video_clock: VideoClockConfig = field(default_factory=VideoClockConfig)
     watch: SelfWatchConfig = field(default_factory=SelfWatchConfig)
+    pad: PadConfig = field(default_factory=PadConfig)
     find_video_offset: bool = False
     use_inertial: bool = True
     fix_interval_s: float = 0.4

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, skew
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
-from estimator.types import Doubt, Float, Mode, NavigationState, VideoOffset
+from estimator.types import Doubt, Float, Mode, NavigationState, PadRelative, VideoOffset
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,6 +23,7 @@ class Given:
     last_fix_age_s: float
     video_offset: VideoOffset
     doubts: tuple[Doubt, ...] = ()
+    pad: PadRelative | None = None
 
 
 def snapshot(
@@ -64,7 +65,19 @@ def snapshot(
         ground_bias_m=eskf.nominal.ground_bias_m,
         cov_ground_bias=cov[6] if eskf.layout.has("ground_bias") else None,
         cov_motion=motion_rows @ eskf.P @ motion_rows.T,
+        pad=given.pad,
     )
+
+
+def carried_on(state: NavigationState, dt_s: float) -> NavigationState:
+    """As sure as a state is after so long at a velocity that is no surer."""
+    grown = state.cov_vel_ned_m2_s2 * dt_s**2
+    pose = state.cov_camera_pose.copy()
+    pose[:3, :3] += grown
+    pad = state.pad
+    if pad is not None:
+        pad = replace(pad, cov_pos_ned_m2=pad.cov_pos_ned_m2 + grown)
+    return replace(state, cov_pos_ned_m2=state.cov_pos_ned_m2 + grown, cov_camera_pose=pose, pad=pad)
 
 
 def horizontal_std_m(eskf: ErrorStateFilter) -> float:

@@ -219,6 +219,7 @@ class PadRelative:
     ``vel_ned_m_s`` (3,). Covariances (3, 3) of both are of the pad's estimate too, so they are smaller than the
     position's on the map. ``q_ned_from_pad`` (4,) is the pad's own attitude. ``age_s`` counts from the last accepted
     picture of it, infinity before the first; ``reason`` says why the latest picture was not used, empty where it was.
+    Before the first picture position and covariance are NaN, unless somebody has said where the pad lies.
     """
 
     mode: PadMode

@@ -59,8 +59,8 @@ class FlightFolder:
         self.warnings: list[str] = []
         self.telemetry_path = path / "telemetry.tlog"
         self.video_path = self._find_video()
-        self.reference_path = self._named("map.reference", meta.map.reference)
-        self.elevation_path = self._named("map.elevation", meta.map.elevation)
+        self.reference_path = self.named("map.reference", meta.map.reference)
+        self.elevation_path = self.named("map.elevation", meta.map.elevation)
         self._frame_times: FrameTimes | None = None
 
     @classmethod
@@ -202,7 +202,7 @@ class FlightFolder:
             self.warn(f"{error} (done without it)")
             return None
 
-    def _named(self, field: str, name: str | None) -> Path | None:
+    def named(self, field: str, name: str | None) -> Path | None:
         """The file of this folder that ``flight.json`` names, which must be there."""
         if not name:
             return None
@@ -223,7 +223,7 @@ class FlightFolder:
         return path
 
     def _find_video(self) -> Path | None:
-        named = self._named("video.file", self.meta.video.file)
+        named = self.named("video.file", self.meta.video.file)
         if named is not None:
             return named
         for name in VIDEO_NAMES:

@@ -9,9 +9,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimator.geometry.local import LocalFrame
 from estimator.types import Float
+from simulator.gimbal_manager import CONFIGURE, PITCH_YAW, GimbalManager
 from simulator.mavlink_input import messages_in
 from simulator.random_streams import rng_for
 from simulator.sensors.gnss import GnssFix, GnssReceiver
+from simulator.set_points import target_of, velocity_of
 from simulator.telemetry import Snapshot, Telemetry
 from simulator.vehicles.pilot import FlightMode, Pilot
 from simulator.vehicles.state import VehicleState
@@ -58,10 +60,12 @@ class Autopilot:
     """Bytes in, bytes out, and orders to the pilot and the receiver in between."""
 
     def __init__(
-        self, telemetry: Telemetry, pilot: Pilot, receiver: GnssReceiver, frame: LocalFrame, system_id: int
-    ) -> None:
+        self, telemetry: Telemetry, pilot: Pilot, receiver: GnssReceiver, frame: LocalFrame, system_id: int,
+        gimbal: GimbalManager | None = None,
+    ) -> None:  # fmt: skip
         self._telemetry, self._pilot, self._receiver, self._frame = telemetry, pilot, receiver, frame
-        self._system_id = system_id
+        self._system_id, self._gimbal = system_id, gimbal
+        self.on_ground = False
         self._outbox: list[bytes] = []
         self.armed = True
         self.say(mavlink.MAV_SEVERITY_INFO, "Simulated helicopter ready")
@@ -77,7 +81,7 @@ class Autopilot:
         return waiting
 
     def receive(self, data: bytes, state: VehicleState, now: Snapshot) -> None:
-        """Act on one datagram from a ground station."""
+        """Act on one datagram from a ground station; ``state`` is where the autopilot takes itself to be."""
         for message in messages_in(data):
             kind = message.get_type()
             if kind in ("COMMAND_LONG", "COMMAND_INT"):
@@ -95,6 +99,23 @@ class Autopilot:
                     message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type
                 )
                 self._outbox.append(self._telemetry.pack(count))
+            else:
+                self._stream(kind, message, state, now)
+
+    def _stream(self, kind: str, message: Any, state: VehicleState, now: Snapshot) -> None:
+        """What comes many times a second and is not answered."""
+        if kind == "LANDING_TARGET":
+            target = target_of(message, now.q_believed)
+            if target is not None:
+                self._pilot.aim(state.pos_ned_m + target)
+        elif getattr(message, "target_system", None) not in (0, self._system_id):
+            return
+        elif kind == "SET_POSITION_TARGET_LOCAL_NED":
+            velocity = velocity_of(message, now.q_believed)
+            if velocity is not None and self.armed:
+                self._pilot.follow(velocity)
+        elif self._gimbal is not None:
+            self._gimbal.receive(message)
 
     def _command(self, message: Any, state: VehicleState, now: Snapshot) -> None:
         result = self._execute(message, state, now)
@@ -110,6 +131,8 @@ class Autopilot:
             return self._fly(_MODE_COMMANDS[command], state)
         if command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             return self._request(message, now)
+        if command in (CONFIGURE, PITCH_YAW) and self._gimbal is not None:
+            return self._gimbal.command(message)
         actions = {
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_INJECT_FAILURE: self._inject_failure,
@@ -148,14 +171,20 @@ class Autopilot:
             text = "GPS 1: signal lost" if off else "GPS 1: signal restored"
             self.say(mavlink.MAV_SEVERITY_CRITICAL if off else mavlink.MAV_SEVERITY_INFO, text)
 
+    def disarm_on_ground(self) -> None:
+        """The motors stop by themselves after a landing."""
+        if self.armed:
+            self.armed = False
+            self.say(mavlink.MAV_SEVERITY_INFO, "Landed: motors off")
+
     def _arm(self, message: Any, state: VehicleState) -> int:
         if message.param1 >= 0.5:
             self.armed = True
             return int(_ACCEPTED)
-        if self._height_m(state) > _AIRBORNE_M and message.param2 != _FORCE:
+        if self._flies(state) and message.param2 != _FORCE:
             self.say(mavlink.MAV_SEVERITY_WARNING, "Disarm: not landed")
             return int(_DENIED)
-        if self._height_m(state) > _AIRBORNE_M:
+        if self._flies(state):
             # The world has no crash model.
             return int(_DENIED)
         self.armed = False
@@ -178,7 +207,7 @@ class Autopilot:
         rise_m = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
         if not self.armed or not 1.0 <= rise_m <= 400.0:
             return int(_DENIED)
-        if self._height_m(state) > _AIRBORNE_M:
+        if self._flies(state):
             self.say(mavlink.MAV_SEVERITY_WARNING, "Takeoff: already flying")
             return int(_DENIED)
         goal = state.pos_ned_m - (0.0, 0.0, rise_m)
@@ -207,8 +236,8 @@ class Autopilot:
         self._pilot.fly(FlightMode.GUIDED, state.pos_ned_m, goal)
         return int(_ACCEPTED)
 
-    def _height_m(self, state: VehicleState) -> float:
-        return float(self._pilot.home_ned_m[2] - state.pos_ned_m[2])
+    def _flies(self, state: VehicleState) -> bool:
+        return not self.on_ground and float(self._pilot.home_ned_m[2] - state.pos_ned_m[2]) > _AIRBORNE_M
 
 
 def _index(value: float) -> int:

@@ -28,10 +28,10 @@ def record_offline(
     """Fly until the scenario's end or until ``stop`` is set; returns the seconds flown."""
     simulation = Simulation(scenario, world, seed, scenario.start_unix_us)
     section = scenario.camera
-    view = CameraView(world, section.intrinsics(), seed, section.noise_std, section.vignetting)
+    view = CameraView(world, section.intrinsics(), seed, section.noise_std, section.vignetting, simulation.pad)
     link = rng_for(seed, "link")
     last_us = 0
-    with FlightRecorder(folder, scenario, world, simulation.home_ned_m, seed) as recorder:
+    with FlightRecorder(folder, scenario, world, simulation.home_ned_m, seed, simulation.pad) as recorder:
         for step in range(round(scenario.duration_s * 1e6) // STEP_US):
             if stop.is_set():
                 break

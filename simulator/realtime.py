@@ -47,15 +47,18 @@ class RealTimeRun:
     ) -> None:
         self._scenario, self._mavlink = scenario, mavlink
         section = scenario.camera
-        self._view = CameraView(world, section.intrinsics(), seed, section.noise_std, section.vignetting)
         self._sender: H264TsSender | None = None
         if video_address is not None:
             self._sender = H264TsSender(
                 *video_address, section.width_px, section.height_px, section.frames_per_s, section.bitrate
             )
         self.simulation = Simulation(scenario, world, seed, time.time_ns() // 1000)
+        pad = self.simulation.pad
+        self._view = CameraView(world, section.intrinsics(), seed, section.noise_std, section.vignetting, pad)
         self._recorder = (
-            FlightRecorder(record, scenario, world, self.simulation.home_ned_m, seed) if record is not None else None
+            FlightRecorder(record, scenario, world, self.simulation.home_ned_m, seed, pad)
+            if record is not None
+            else None
         )
         self._exposures: queue.Queue[Exposure] = queue.Queue(_WAITING_PICTURES)
         self.statistics = RunStatistics()

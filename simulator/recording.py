@@ -11,6 +11,7 @@ from estimator.types import Float, Image
 from geodata.flight_meta import CameraMeta, FlightMeta, HomeMeta, MapMeta, MountMeta, VehicleMeta, VideoMeta
 from geodata.flight_tables import CLICK_COLUMNS, FRAME_COLUMNS, TRUTH_COLUMNS, TargetTruth
 from geodata.flight_write import CsvAppender, write_flight_json, write_targets_truth_csv
+from geodata.pad_file import as_description
 from geodata.tlog import TlogWriter
 from simulator.errors import SimulatorError
 from simulator.random_streams import rng_for
@@ -18,11 +19,14 @@ from simulator.scenario import Scenario
 from simulator.simulation import Exposure
 from simulator.video_out import H264FileWriter
 from simulator.visibility import Sight
+from simulator.world.pad_place import PadPlace
 from simulator.world.world import World
 
 _CLICK_INTERVAL_US = 1_500_000
 _CLICK_STD_PX = 1.0
 _BITRATE = 4_000_000
+PAD_TARGET = "pad"
+"""Under this name the centre of a landing pad stands among the targets' true places; nobody clicks it."""
 
 
 def write_map(folder: Path, scenario: Scenario, world: World, home_ned_m: Float, start_unix_us: int | None) -> None:
@@ -60,7 +64,7 @@ def flight_meta(scenario: Scenario, world: World, home_ned_m: Float, start_unix_
             cy_px=camera.cy_px,
             distortion=section.distortion,
             mount=MountMeta(roll_deg=roll, pitch_deg=pitch, yaw_deg=yaw, lever_arm_frd_m=section.lever_arm_frd_m),
-            gimbal="fixed",
+            gimbal=section.gimbal,
         ),
         video=VideoMeta(
             file=None if start_unix_us is None else "video.mp4",
@@ -72,18 +76,23 @@ def flight_meta(scenario: Scenario, world: World, home_ned_m: Float, start_unix_
         home=HomeMeta(
             lat_deg=float(np.degrees(float(lat))), lon_deg=float(np.degrees(float(lon))), alt_amsl_m=float(alt)
         ),
+        pad=None if scenario.pad is None else as_description(scenario.pad.pad()),
     )
 
 
 class FlightRecorder:
     """Grows a flight folder; telemetry and pictures may come from two threads, one each."""
 
-    def __init__(self, folder: Path, scenario: Scenario, world: World, home_ned_m: Float, seed: int) -> None:
+    def __init__(
+        self, folder: Path, scenario: Scenario, world: World, home_ned_m: Float, seed: int,
+        pad: PadPlace | None = None,
+    ) -> None:  # fmt: skip
         if folder.exists() and any(folder.iterdir()):
             message = f"folder {str(folder)!r} is not empty; name a new one, recordings are never overwritten"
             raise SimulatorError(message)
         folder.mkdir(parents=True, exist_ok=True)
         self._folder, self._scenario, self._world, self._home = folder, scenario, world, home_ned_m
+        self._pad = pad
         camera = scenario.camera
         self._sight = Sight(world, camera.intrinsics())
         self._tlog = TlogWriter(folder / "telemetry.tlog")
@@ -156,8 +165,10 @@ class FlightRecorder:
 
     def _targets(self) -> list[TargetTruth]:
         targets = []
-        for landmark in self._world.landmarks:
-            place = np.array([landmark.north_m, landmark.east_m, -landmark.height_m])
+        places = [(mark.name, np.array([mark.north_m, mark.east_m, -mark.height_m])) for mark in self._world.landmarks]
+        if self._pad is not None:
+            places.append((PAD_TARGET, self._pad.pos_ned_m))
+        for name, place in places:
             lat, lon, alt = self._world.frame.geodetic_from_ned(place)
-            targets.append(TargetTruth(landmark.name, float(lat), float(lon), float(alt)))
+            targets.append(TargetTruth(name, float(lat), float(lon), float(alt)))
         return targets

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera, Mount
+from estimator.landing.pad import CirclePad, circle_pad
 from simulator.errors import ScenarioError
 from simulator.world.world import WorldSpec
 
@@ -41,7 +43,9 @@ class WorldSection(_Section):
 
 
 class CameraSection(_Section):
-    """The camera, fixed to the airframe."""
+    """The camera: ``fixed`` to the airframe, or in a ``pan_tilt`` gimbal that then starts at the mount's angles."""
+
+    gimbal: Literal["fixed", "pan_tilt"] = "fixed"
 
     width_px: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 640
     height_px: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 480
@@ -77,6 +81,8 @@ class FlightSection(_Section):
     hover_s: NotNegative = 7.0
     wind_m_s: NotNegative = 3.5
     gust_std_m_s: NotNegative = 0.9
+    by_belief: bool = False
+    """Guided flight, loiter and landing go by the autopilot's own position and velocity, which drift without GPS."""
 
     @model_validator(mode="after")
     def _heights_rise(self) -> FlightSection:
@@ -84,6 +90,33 @@ class FlightSection(_Section):
             message = f"height_agl_m {list(self.height_agl_m)} runs from high to low"
             raise ValueError(message)
         return self
+
+
+class PadSection(_Section):
+    """A landing pad on the ground near the world's middle, and the approach to it.
+
+    The flight then is a circle of ``circle_m`` radius that comes by the pad at ``height_m`` and ``away_m`` beside it,
+    and waits there.
+    """
+
+    side_m: Annotated[float, Field(ge=0.1, le=20)] = 1.5
+    radius_m: Annotated[float, Field(ge=0.02, le=5)] = 0.3
+    triples: Annotated[int, Field(ge=1, le=4)] = 4
+    height_m: Annotated[float, Field(ge=3, le=60)] = 20.0
+    away_m: NotNegative = 4.0
+    circle_m: Annotated[float, Field(ge=8, le=80)] = 12.0
+
+    @model_validator(mode="after")
+    def _can_be_printed(self) -> PadSection:
+        try:
+            self.pad()
+        except GeometryError as error:
+            raise ValueError(str(error)) from error
+        return self
+
+    def pad(self) -> CirclePad:
+        """What is on the print."""
+        return circle_pad("pad", self.side_m, self.radius_m, self.triples)
 
 
 class SensorSection(_Section):
@@ -118,6 +151,7 @@ class Scenario(_Section):
     camera: CameraSection = CameraSection()
     flight: FlightSection = FlightSection()
     sensors: SensorSection = SensorSection()
+    pad: PadSection | None = None
 
     @model_validator(mode="after")
     def _intervals_run_forward(self) -> Scenario:
@@ -134,7 +168,22 @@ class Scenario(_Section):
         return self
 
 
-SCENARIOS: dict[str, Scenario] = {"demo": Scenario()}
+_PAD = Scenario(
+    name="pad",
+    duration_s=120.0,
+    # Long enough to find north and the biases; from then on GPS is off for good.
+    gps_denied_s=((14.0, 1e6),),
+    gps_cut_s=((14.0, 1e6),),
+    world=WorldSection(half_size_m=200.0),
+    camera=CameraSection(hfov_deg=43.6, gimbal="pan_tilt"),
+    flight=FlightSection(
+        speed_m_s=3.0, height_agl_m=(20.0, 26.0), hover_stops=1, hover_s=3600.0, wind_m_s=4.0, gust_std_m_s=1.5,
+        by_belief=True,
+    ),
+    pad=PadSection(),
+)  # fmt: skip
+
+SCENARIOS: dict[str, Scenario] = {"demo": Scenario(), "pad": _PAD}
 
 
 def load_scenario(name_or_path: str) -> Scenario:

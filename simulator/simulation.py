@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from estimator.geometry.earth import isa_pressure_alt_m
 from estimator.geometry.rotation import matrix_from_q
 from estimator.types import Float
 from simulator.autopilot import Autopilot, BelievedPosition
+from simulator.gimbal_manager import GimbalManager
 from simulator.scenario import Scenario
 from simulator.sensors.attitude_filter import AttitudeFilter
 from simulator.sensors.barometer import Barometer
@@ -17,10 +18,12 @@ from simulator.sensors.gnss import GnssReceiver
 from simulator.sensors.inertial import InertialUnit
 from simulator.sensors.magnetometer import Magnetometer
 from simulator.telemetry import Snapshot, Telemetry
+from simulator.vehicles.gimbal import PanTiltGimbal
 from simulator.vehicles.helicopter import Helicopter
-from simulator.vehicles.pilot import Pilot
-from simulator.vehicles.route import make_route
+from simulator.vehicles.pilot import SKID_M, FlightMode, Pilot
+from simulator.vehicles.route import Route, make_route, pad_route
 from simulator.vehicles.state import VehicleState
+from simulator.world.pad_place import PadPlace, place_pad
 from simulator.world.world import World
 
 STEP_US = 5_000
@@ -29,6 +32,7 @@ _BARO_STEPS = 20
 _GNSS_STEPS = 40
 _ATTITUDE_STEPS = 8
 _BOOTED_BEFORE_US = 42_000_000
+_DISARM_US = 2_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,20 +60,16 @@ class Simulation:
     def __init__(self, scenario: Scenario, world: World, seed: int, start_unix_us: int) -> None:
         self.scenario, self.world, self._start_unix_us = scenario, world, start_unix_us
         flight = scenario.flight
-        route = make_route(
-            seed,
-            world.terrain,
-            world.spec.half_size_m,
-            flight.waypoints,
-            flight.height_agl_m,
-            flight.hover_stops,
-        )
+        self.pad: PadPlace | None = None if scenario.pad is None else place_pad(world, scenario.pad.pad(), seed)
+        route = self._route(seed)
         self.home_ned_m = np.array([*route.start_ned_m[:2], -float(world.terrain.at(*route.start_ned_m[:2]))])
         heading = float(np.arctan2(route.tangent_ne[0, 1], route.tangent_ne[0, 0]))
         self._helicopter = Helicopter(
             world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
         )
-        self.pilot = Pilot(route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s)
+        self.pilot = Pilot(
+            route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s, self.pad is not None
+        )
         sensors = scenario.sensors
         self._inertial = InertialUnit(seed, sensors)
         self._barometer = Barometer(seed, sensors)
@@ -77,16 +77,33 @@ class Simulation:
         self._receiver = GnssReceiver(seed, sensors)
         self._attitude = AttitudeFilter(seed, sensors)
         self._believed = BelievedPosition(seed)
-        self._telemetry = Telemetry(scenario.system_id, world.frame)
-        self.autopilot = Autopilot(self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id)
         mount = scenario.camera.mount()
+        self._gimbal: PanTiltGimbal | None = None
+        if scenario.camera.gimbal == "pan_tilt":
+            self._gimbal = PanTiltGimbal(seed, mount.pitch_rad, mount.yaw_rad)
+        manager = None if self._gimbal is None else GimbalManager(self._gimbal)
+        self._telemetry = Telemetry(scenario.system_id, world.frame, manager)
+        self.autopilot = Autopilot(
+            self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id, manager
+        )
         self._body_from_camera, self._lever_arm = mount.body_from_camera, mount.lever_arm_frd_m
         self._clock_offset_us = round(scenario.vehicle_clock_offset_s * 1e6)
         self._frame_interval_us = 1e6 / scenario.camera.frames_per_s
         self._frames = 0
         self._steps = 0
+        self._stands_us = 0
         self._snapshot: Snapshot | None = None
         self.state: VehicleState | None = None
+        self.touchdown: VehicleState | None = None
+        """The last step before the skids first touched the ground, in flights to a pad."""
+
+    def _route(self, seed: int) -> Route:
+        flight, section, world = self.scenario.flight, self.scenario.pad, self.world
+        if section is not None and self.pad is not None:
+            return pad_route(seed, self.pad.pos_ned_m, section.height_m, section.away_m, section.circle_m)
+        return make_route(
+            seed, world.terrain, world.spec.half_size_m, flight.waypoints, flight.height_agl_m, flight.hover_stops
+        )
 
     def begin(self, start_unix_us: int) -> None:
         """Set the clock again, before the first step only."""
@@ -100,20 +117,25 @@ class Simulation:
         """Time since the start."""
         return self._steps * STEP_US
 
+    @property
+    def believed_vel_error_ned_m_s(self) -> Float:
+        """How far off the velocity (3,) is that the autopilot flies by."""
+        return self._believed.vel_error_ned_m_s
+
     def receive(self, data: bytes) -> None:
         """A datagram from a ground station; nothing before the first step."""
         if self.state is not None and self._snapshot is not None:
-            self.autopilot.receive(data, self.state, self._snapshot)
+            state = self.state
+            if self.scenario.flight.by_belief:
+                state = replace(state, pos_ned_m=state.pos_ned_m + self._believed.error_ned_m)
+            self.autopilot.receive(data, state, self._snapshot)
 
     def step(self) -> StepOutput:
         """Advance by one step of 5 ms."""
         self._steps += 1
         t_us = self._steps * STEP_US
         dt_s = STEP_US / 1e6
-        position = self.pilot.goal_ned_m if self.state is None else self.state.pos_ned_m
-        velocity, yaw = self.pilot.command(position, dt_s)
-        state = self._helicopter.step(t_us, dt_s, velocity, yaw)
-        self.state = state
+        state = self._fly(t_us, dt_s)
         self._inertial.sample(state.rate_body_rad_s, state.specific_force_body_m_s2, dt_s)
         for start_s, end_s in self.scenario.gps_cut_s:
             for moment_s, off in ((start_s, True), (end_s, False)):
@@ -125,6 +147,46 @@ class Simulation:
             packets = self._telemetry.due(now)
         packets += self.autopilot.take_outbox()
         return StepOutput(self._start_unix_us + t_us, packets, self._exposure(state))
+
+    def _fly(self, t_us: int, dt_s: float) -> VehicleState:
+        """One step of pilot, vehicle and gimbal."""
+        before = self.state
+        position = self.pilot.goal_ned_m if before is None else before.pos_ned_m
+        # The route is flown by eye; what else is flown by belief is off by what the belief is off.
+        by_belief = self.scenario.flight.by_belief and self.pilot.mode is not FlightMode.AUTO
+        if by_belief:
+            position = position + self._believed.error_ned_m
+        velocity, yaw = self.pilot.command(position, dt_s)
+        if by_belief or self.pilot.follows_set_points:
+            velocity = velocity - self._believed.vel_error_ned_m_s
+        if self.pad is None:
+            state = self._helicopter.step(t_us, dt_s, velocity, yaw)
+        else:
+            state = self._above_ground(t_us, dt_s, velocity, yaw, before)
+        if self._gimbal is not None:
+            self._gimbal.step(dt_s, state.yaw_rad)
+        self.state = state
+        return state
+
+    def _above_ground(
+        self, t_us: int, dt_s: float, velocity: Float, yaw: float, before: VehicleState | None
+    ) -> VehicleState:
+        """A step over ground that one can stand on; in LAND the motors stop some time after that."""
+        if not self.autopilot.armed:
+            velocity = np.zeros(3)
+        north, east = self.home_ned_m[:2] if before is None else before.pos_ned_m[:2]
+        floor_down_m = -float(self.world.terrain.at(north, east)) - SKID_M
+        state = self._helicopter.step(t_us, dt_s, velocity, yaw, floor_down_m)
+        self.autopilot.on_ground = self._helicopter.on_ground
+        if not self._helicopter.on_ground:
+            self._stands_us = 0
+            return state
+        if self.touchdown is None:
+            self.touchdown = before
+        self._stands_us += STEP_US
+        if self.pilot.mode is FlightMode.LAND and self._stands_us == _DISARM_US:
+            self.autopilot.disarm_on_ground()
+        return state
 
     def _sense(self, state: VehicleState) -> Snapshot:
         """Read every sensor whose turn it is."""
@@ -162,6 +224,7 @@ class Simulation:
             fix=fix,
             airspeed_m_s=float(np.linalg.norm(state.vel_ned_m_s - state.wind_ned_m_s)),
             home_ned_m=self.home_ned_m,
+            gimbal=None if self._gimbal is None else self._gimbal.report(),
         )
         self._snapshot = snapshot
         return snapshot
@@ -174,6 +237,10 @@ class Simulation:
         return Exposure(
             t_unix_us=self._start_unix_us + state.t_us + self._clock_offset_us,
             camera_pos_ned_m=state.pos_ned_m + ned_from_body @ self._lever_arm,
-            ned_from_camera=ned_from_body @ self._body_from_camera,
+            ned_from_camera=(
+                ned_from_body @ self._body_from_camera
+                if self._gimbal is None
+                else self._gimbal.ned_from_camera(state.yaw_rad)
+            ),
             state=state,
         )

@@ -12,7 +12,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import euler_from_q
 from estimator.types import Float
+from simulator.gimbal_manager import GimbalManager
 from simulator.sensors.gnss import GnssFix
+from simulator.vehicles.gimbal import GimbalReport
 from simulator.vehicles.pilot import FlightMode
 
 _DEFAULT_RATE_HZ = {
@@ -29,6 +31,11 @@ _DEFAULT_RATE_HZ = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 10.0,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
+}
+_GIMBAL_RATE_HZ = {
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 25.0,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: 1.0,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: 0.0,
 }
 _MAX_RATE_HZ = 50.0
 _CELLS = 6
@@ -59,15 +66,17 @@ class Snapshot:
     fix: GnssFix | None
     airspeed_m_s: float
     home_ned_m: Float
+    gimbal: GimbalReport | None = None
 
 
 class Telemetry:
     """Packs the messages that are due; packets come out in the order they are to be sent."""
 
-    def __init__(self, system_id: int, frame: LocalFrame) -> None:
+    def __init__(self, system_id: int, frame: LocalFrame, gimbal: GimbalManager | None = None) -> None:
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._frame = frame
-        self._streams = {message: _Stream(_interval_us(rate)) for message, rate in _DEFAULT_RATE_HZ.items()}
+        self._rates_hz = _DEFAULT_RATE_HZ if gimbal is None else _DEFAULT_RATE_HZ | _GIMBAL_RATE_HZ
+        self._streams = {message: _Stream(_interval_us(rate)) for message, rate in self._rates_hz.items()}
         self._build: dict[int, Callable[[Snapshot], Any]] = {
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
@@ -83,6 +92,14 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
         }
+        if gimbal is not None:
+            self._build |= {
+                mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: lambda now: (
+                    None if now.gimbal is None else gimbal.attitude(now.t_boot_us, now.gimbal)
+                ),
+                mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_STATUS: lambda now: gimbal.status(now.t_boot_us),
+                mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION: lambda now: gimbal.information(now.t_boot_us),
+            }
 
     def pack(self, message: Any) -> bytes:
         """One packet with the next sequence number."""
@@ -111,7 +128,7 @@ class Telemetry:
         if stream is None or not np.isfinite(interval_us):
             return False
         if interval_us == 0:
-            stream.interval_us = _interval_us(_DEFAULT_RATE_HZ[message])
+            stream.interval_us = _interval_us(self._rates_hz[message])
         elif interval_us < 0:
             stream.interval_us = 0
         else:

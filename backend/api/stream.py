@@ -23,17 +23,21 @@ CLOSE_TIMEOUT_S = 1.0
 
 
 @router.websocket("/api/v1/stream")
-async def stream(socket: WebSocket) -> None:
-    """Send hello, then every message; a client that reads too slowly is closed with 1013 and may come back."""
+async def stream(socket: WebSocket, page: str = "") -> None:
+    """Send hello, then every message; a client that reads too slowly is closed with 1013 and may come back.
+
+    A ``page`` that names itself may begin what ends when it goes away.
+    """
     station = station_of_socket(socket)
     await socket.accept()
     mailbox = station.hub.open()
     station.metrics.clients.inc()
+    station.landings.pages.opened(page)
     try:
         # Opened first: what happens while hello is prepared follows it and is not missed.
         hello = await station.hello()
         await socket.send_text(station.hub.message("hello", **hello).text)
-        await _both_ways(socket, mailbox, station)
+        await _both_ways(socket, mailbox, station, page)
     except WebSocketDisconnect:
         pass
     except Exception:  # one client's stream fails: say where, and let that client come back
@@ -42,15 +46,16 @@ async def stream(socket: WebSocket) -> None:
             await socket.close(INTERNAL_ERROR, "the station failed to serve this stream")
     finally:
         station.hub.close(mailbox)
+        station.landings.pages.closed(page)
         station.metrics.clients.dec()
 
 
-async def _both_ways(socket: WebSocket, mailbox: Mailbox, station: Station) -> None:
+async def _both_ways(socket: WebSocket, mailbox: Mailbox, station: Station, page: str) -> None:
     async with contextlib.AsyncExitStack() as stack:
         # A client that stopped reading blocks the sender inside the socket: the overflow has to end that from outside.
         tasks = [
             asyncio.create_task(_send(socket, mailbox)),
-            asyncio.create_task(_receive(socket, mailbox, station)),
+            asyncio.create_task(_receive(socket, mailbox, station, page)),
             asyncio.create_task(_overflow(mailbox)),
         ]
         stack.push_async_callback(_end, tasks)
@@ -73,11 +78,12 @@ async def _overflow(mailbox: Mailbox) -> None:
     await mailbox.given_up.wait()
 
 
-async def _receive(socket: WebSocket, mailbox: Mailbox, station: Station) -> None:
+async def _receive(socket: WebSocket, mailbox: Mailbox, station: Station, page: str) -> None:
     while True:
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":
             return
+        station.landings.pages.heard(page)
         text = message.get("text") or ""
         if len(text) > MAX_CLIENT_TEXT:
             continue

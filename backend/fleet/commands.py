@@ -103,6 +103,14 @@ def steps_of(  # noqa: PLR0911  one return for each command reads best
             return [CommandStep(INJECT_FAILURE, (float(FAILURE_UNIT_GPS), float(FAILURE_OF_WORD[body.failure])))]
 
 
+def take_over(link: VehicleLink, vehicle: LiveVehicle, mode: str) -> None:
+    """Ask a vehicle for the mode in which it takes velocities; CommandRefusedError as ``send_command``."""
+    try:
+        link.command(vehicle.system_id, [_mode(mode, vehicle.autopilot, vehicle.vehicle_type)])
+    except LookupError as error:
+        raise CommandRefusedError(str(error)) from None
+
+
 def _mode(name: str, autopilot: Autopilot, kind: VehicleType) -> CommandStep:
     try:
         numbers = mode_numbers(autopilot, kind, name)

@@ -16,6 +16,7 @@ from backend.link.events import (
     TelemetryBattery,
     TelemetryGps,
     TelemetryHeartbeat,
+    TelemetryLocalPosition,
     TelemetryPosition,
     TelemetrySpeed,
     VehicleAppeared,
@@ -121,6 +122,8 @@ class Fleet:
                 fields = vehicle.gps_message()
                 if fields is not None:
                     self._say("gps", **fields)
+            case TelemetryLocalPosition():
+                vehicle.local_position = event
             case TelemetryPosition():
                 vehicle.relative_alt_m = event.alt_rel_m
             case VehicleLost():

@@ -5,16 +5,17 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
 
 from backend.event_loop import call_from_thread
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import state_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
-from backend.link.events import Autopilot, TelemetryGps, VehicleType
+from backend.link.events import Autopilot, TelemetryGps, TelemetryLocalPosition, VehicleType
 from backend.navigation.setup import NavigationSetup, Place
 from backend.navigation.worker import NavigationWorker, StateUpdate
+from estimator.landing.pad import Pad
 from estimator.types import FixReport, FrameSample, GnssSample, HomeSample, NavigationState, Sample
 
 TrackSource = Literal["gps", "vision", "fused"]
@@ -104,6 +105,7 @@ class LiveVehicle:
         self.gps: GpsReading | None = None
         self.home: HomeSample | None = None
         self.relative_alt_m: float | None = None
+        self.local_position: TelemetryLocalPosition | None = None
         self.tracks = {"gps": TrackRing(), "vision": TrackRing()}
         self.latest: StateUpdate | None = None
         self.worker: NavigationWorker | None = None
@@ -164,6 +166,11 @@ class LiveVehicle:
         worker.start()
         if self.home is not None:
             worker.offer(self.home)
+
+    def look_for(self, pad: Pad | None) -> None:
+        """Look for another landing pad, or for none: the estimator begins anew, as its pad is part of its state."""
+        if self._setup is not None:
+            self.navigate(replace(self._setup, pad=pad))
 
     def stop_navigation(self, wait_s: float = 1.0) -> None:
         """End the estimator's thread; it may finish the work it is in after ``wait_s``."""

@@ -1,1 +1,1 @@
-"""Landing pads on paper: drawings of true size, and the command that writes them."""
+"""Landing pads: on paper, in the pictures, and under a vehicle that the station lands."""

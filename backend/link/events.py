@@ -138,6 +138,16 @@ class TelemetryPosition:
 
 
 @dataclass(frozen=True, slots=True)
+class TelemetryLocalPosition:
+    """Where the autopilot has itself in its own local frame at ``t_us``. It may come from GPS."""
+
+    t_us: int
+    system_id: int
+    pos_ned_m: tuple[float, float, float]
+    vel_ned_m_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
 class TelemetrySpeed:
     """The autopilot's head-up figures for display; without an airspeed sensor the airspeed may come from GPS."""
 
@@ -214,6 +224,7 @@ LinkEvent = (
     | TelemetryBattery
     | TelemetryGps
     | TelemetryPosition
+    | TelemetryLocalPosition
     | TelemetrySpeed
     | StatusText
     | CommandResult

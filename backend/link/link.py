@@ -12,6 +12,7 @@ from backend.link import telemetry
 from backend.link.commands import CommandStep
 from backend.link.events import LinkEvent, VehicleRebooted, VehicleReturned
 from backend.link.framing import MavlinkFramer, Noise, RawPacket
+from backend.link.gimbals import pitch_yaw, release_control, take_control
 from backend.link.rates import DEFAULT_RATES_HZ
 from backend.link.vehicle import Vehicle
 
@@ -124,9 +125,7 @@ class VehicleLink:
 
         Raises UnknownVehicleError for a vehicle that was never heard, ValueError for no steps.
         """
-        vehicle = self._vehicles.get(system_id)
-        if vehicle is None:
-            raise UnknownVehicleError(system_id, tuple(sorted(self._vehicles)))
+        vehicle = self._known(system_id)
         command_id = next(self._command_ids)
         vehicle.command(command_id, steps)
         return command_id
@@ -136,13 +135,38 @@ class VehicleLink:
 
         Raises UnknownVehicleError as there, NoTrackerError when no camera says that it can.
         """
-        vehicle = self._vehicles.get(system_id)
-        if vehicle is None:
-            raise UnknownVehicleError(system_id, tuple(sorted(self._vehicles)))
+        vehicle = self._known(system_id)
         command_id = next(self._command_ids)
         if not vehicle.command_tracker(command_id, steps):
             raise NoTrackerError(system_id)
         return command_id
+
+    def request_rate(self, system_id: int, msg_id: int, rate_hz: float) -> None:
+        """Ask a vehicle for one more message. Raises UnknownVehicleError as ``command`` does."""
+        self._known(system_id).request_rate(msg_id, rate_hz, next(self._command_ids))
+
+    def take_gimbal(self, system_id: int) -> int:
+        """Ask for control of a vehicle's gimbals; ``vehicles[…].gimbals.manager`` says whether it was given."""
+        command_id = next(self._command_ids)
+        self._known(system_id).command_gimbals(command_id, take_control(self.system_id, self.component_id))
+        return command_id
+
+    def release_gimbal(self, system_id: int) -> int:
+        """Hand control of a vehicle's gimbals back."""
+        command_id = next(self._command_ids)
+        self._known(system_id).command_gimbals(command_id, release_control())
+        return command_id
+
+    def point_gimbal(self, system_id: int, pitch_rad: float, yaw_rad: float, *, earth: bool = False) -> None:
+        """Point a vehicle's gimbals, see ``backend.link.gimbals.pitch_yaw``."""
+        component_id = self._known(system_id).gimbals.component_id
+        self._send(pitch_yaw(system_id, component_id, pitch_rad, yaw_rad, earth=earth))
+
+    def _known(self, system_id: int) -> Vehicle:
+        vehicle = self._vehicles.get(system_id)
+        if vehicle is None:
+            raise UnknownVehicleError(system_id, tuple(sorted(self._vehicles)))
+        return vehicle
 
     def send_message(self, message: Any) -> None:
         """Queue one of pymavlink's message objects as it is, for what needs no acknowledgement."""

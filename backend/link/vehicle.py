@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -16,12 +17,14 @@ from backend.link.events import (
     LinkStats,
     SampleEvent,
     TelemetryHeartbeat,
+    TelemetryLocalPosition,
     VehicleAppeared,
     VehicleLost,
     VehicleRebooted,
     VehicleReturned,
 )
 from backend.link.framing import RawPacket
+from backend.link.gimbals import Gimbals
 from backend.link.rates import RateRequests
 from backend.link.samples import SMALLEST_UNIX_US, SampleMaker
 from backend.link.stats import PacketStats
@@ -31,6 +34,7 @@ LOST_AFTER_US = 5_000_000
 _STATS_PERIOD_US = 1_000_000
 _SYSTEM_TIME = 2
 _COMMAND_ACK = 77
+_LOCAL_POSITION_NED = 32
 _GIMBAL_MESSAGES = (265, 285)
 # Messages stamped when they are sent: where in the payload the boot time lies, and its microseconds per count.
 _BOOT_TIME_BYTES = {26: 4, 29: 4, 30: 4, 31: 4, 33: 4, 285: 4, 265: 4, 27: 8, 105: 8}
@@ -54,6 +58,7 @@ class Vehicle:
         self._texts = telemetry.StatusTexts(self.system_id)
         self._commands = CommandChannel(self.system_id, component_id)
         self._cameras = Cameras(self.system_id, component_id)
+        self.gimbals = Gimbals(component_id)
         self._rates = RateRequests(rates_hz or {})
         self._has_battery = False
         self._next_stats_us = first.t_us + _STATS_PERIOD_US
@@ -76,6 +81,7 @@ class Vehicle:
             version=packet.version,
         )
         of_camera = self._cameras.receive(packet, t_us)
+        self.gimbals.receive(packet, t_us)
         from_autopilot = packet.component_id == self.component_id
         if not packet.known or not (from_autopilot or msg_id in _GIMBAL_MESSAGES or msg_id == telemetry.STATUSTEXT):
             return of_camera
@@ -133,6 +139,12 @@ class Vehicle:
             self.clock.observe_unix(m.time_unix_usec, m.time_boot_ms * 1000)
         return iter(())
 
+    def _on_local_position(self, m: Any, _component_id: int, t_us: int) -> Iterator[LinkEvent]:
+        place, velocity = (m.x, m.y, m.z), (m.vx, m.vy, m.vz)
+        if all(map(math.isfinite, (*place, *velocity))):
+            known_us = self.clock.unix_from_boot(m.time_boot_ms * 1000)
+            yield TelemetryLocalPosition(t_us if known_us is None else known_us, self.system_id, place, velocity)
+
     def _on_status_text(self, m: Any, component_id: int, t_us: int) -> list[LinkEvent]:
         return self._texts.add(m, component_id, t_us)
 
@@ -155,6 +167,17 @@ class Vehicle:
         else:
             self._cameras.command(component_id, command_id, steps)
         return True
+
+    def command_gimbals(self, command_id: int, steps: Sequence[CommandStep]) -> None:
+        """Queue a command of the user to whoever manages the gimbals."""
+        if self.gimbals.component_id == self.component_id:
+            self._commands.start(command_id, steps)
+        else:
+            self._cameras.command(self.gimbals.component_id, command_id, steps)
+
+    def request_rate(self, msg_id: int, rate_hz: float, command_id: int) -> None:
+        """Ask for one more message, beside those asked for from the start."""
+        self._request_rate(msg_id, rate_hz, command_id)
 
     def request_rates(self, new_id: Callable[[], int]) -> None:
         """Ask for every wanted message, from the start."""
@@ -236,5 +259,6 @@ _HANDLERS: dict[int, Callable[[Vehicle, Any, int, int], Any]] = {
     telemetry.HEARTBEAT: Vehicle._on_heartbeat,
     _SYSTEM_TIME: Vehicle._on_system_time,
     _COMMAND_ACK: Vehicle._on_command_ack,
+    _LOCAL_POSITION_NED: Vehicle._on_local_position,
     telemetry.STATUSTEXT: Vehicle._on_status_text,
 }

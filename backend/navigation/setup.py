@@ -16,6 +16,8 @@ from backend.errors import StartError
 from backend.settings import describe_validation
 from estimator.geometry.camera import Camera, Mount
 from estimator.geometry.local import LocalFrame
+from estimator.landing.pad import Pad
+from estimator.measurements.pad_tracking import SurveyedPlace
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.ports import GroundModel, ReferenceMap
 from estimator.types import NavigationState
@@ -79,7 +81,8 @@ class NavigationSetup:
     learn of it, None what it assumes. ``time_offset_s`` is what was added to the times of pictures without stamps;
     where it is None the Navigator finds it. ``place_known`` is False where the local frame was laid into the map's
     middle for want of a position: then the Navigator searches the map. ``files`` are those it was read from;
-    ``map_offset_ne_m`` was added to every position read off the map.
+    ``map_offset_ne_m`` was added to every position read off the map. ``pad`` is the landing pad to look for, if any.
+    ``pad_at`` is where that was surveyed to lie.
     """
 
     camera: Camera
@@ -97,6 +100,8 @@ class NavigationSetup:
     place_known: bool = True
     files: tuple[FileUsed, ...] = ()
     map_offset_ne_m: tuple[float, float] = (0.0, 0.0)
+    pad: Pad | None = None
+    pad_at: SurveyedPlace | None = None
 
     def ground_errors(self, state: NavigationState) -> tuple[float, float]:
         """Errors of the ground's height at a point (m) and of its slope, beside the bias that a state has learned.
@@ -120,7 +125,10 @@ class NavigationSetup:
             ground_bias_length_m=(noise.ground_bias_length_m[0], length_m),
         )
         config = replace(config, noise=noise)
-        return Navigator(config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground)
+        return Navigator(
+            config, self.camera, self.mount, self.gimbal, self.frame, self.reference, self.ground, pad=self.pad,
+            pad_at=self.pad_at,
+        )  # fmt: skip
 
 
 def read_camera_profile(path: Path) -> CameraProfile:

@@ -258,7 +258,8 @@ class NavigationWorker:
                         _answer(partial(_state_at, navigator), questions.pop(0))
                     self._advance(navigator, bool(samples))
                     if mono_us() - last_state_us >= STATE_INTERVAL_US:
-                        last_state_us = mono_us()
+                        # In step with the interval on the average, whatever the rhythm of the samples is.
+                        last_state_us = max(last_state_us + STATE_INTERVAL_US, mono_us() - STATE_INTERVAL_US)
                         self._publish(navigator)
             except Exception as error:  # the estimator failed: say so, start it anew, keep the station alive
                 self.counts.failures += 1

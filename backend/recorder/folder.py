@@ -6,6 +6,7 @@ import os
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from backend.recorder.alignments import ALIGNMENT_COLUMNS, ALIGNMENTS_FILE, AlignmentRow
 from backend.recorder.estimate import ESTIMATE_COLUMNS, estimate_cells
@@ -24,7 +25,10 @@ ESTIMATE_STEP_US = 90_000
 
 @dataclass(frozen=True, slots=True)
 class RecordingPlan:
-    """What is known when a recording starts; ``time_offset_s`` is to be added to frame times, None while unknown."""
+    """What is known when a recording starts; ``time_offset_s`` is to be added to frame times, None while unknown.
+
+    ``pad`` is the description of the landing pad that is looked for, if any.
+    """
 
     vehicle: VehicleMeta
     camera: CameraMeta | None
@@ -36,6 +40,7 @@ class RecordingPlan:
     gps_denied: bool
     t_start_us: int
     time_offset_s: float | None = 0.0
+    pad: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +88,7 @@ class FlightWriter:
                 offset_ne_m=plan.map_offset_ne_m,
                 ground_alt_amsl_m=plan.ground_alt_amsl_m,
             ),
+            pad=plan.pad,
         )
         write_flight_json(folder, self._meta)
         self._tlog = TlogWriter(folder / "telemetry.tlog")

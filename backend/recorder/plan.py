@@ -9,14 +9,16 @@ from backend.clock import unix_us
 from backend.fleet.vehicle import LiveVehicle
 from backend.navigation.setup import CameraProfile, MapFiles
 from backend.recorder.folder import RecordingPlan
+from estimator.landing.pad import Pad
 from geodata.flight_meta import HomeMeta, VehicleMeta
+from geodata.pad_file import as_description
 
 KNOWN_TYPES = ("helicopter", "multirotor", "fixed_wing")
 
 
 def plan_of(
     vehicle: LiveVehicle | None, profile: CameraProfile | None, files: MapFiles | None, gps_denied: bool,
-    time_offset_s: float | None,
+    time_offset_s: float | None, pad: Pad | None = None,
 ) -> RecordingPlan:  # fmt: skip
     """The plan of a recording that begins now. None is what is not known; ``time_offset_s`` is as configured."""
     facts: dict[str, Any] = {} if vehicle is None else {"system_id": vehicle.system_id}
@@ -37,4 +39,5 @@ def plan_of(
         t_start_us=unix_us(),
         # what was configured is in the frame times already
         time_offset_s=None if time_offset_s is None else 0.0,
+        pad=None if pad is None else as_description(pad),
     )  # fmt: skip

@@ -19,6 +19,7 @@ from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
 from backend.recorder.alignments import AlignmentFeed
 from backend.replay.hindsight import SMOOTHED_FILE, Hindsight, write_states
+from backend.replay.landing import LANDING_FILE, LandingTrack, surveyed_place
 from backend.replay.report import write_report
 from backend.replay.targets import ClickPictures, locate_clicks, write_sightings, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
@@ -29,6 +30,7 @@ from estimator.history import Corrected
 from estimator.navigator import Navigator, NavigatorConfig
 from estimator.types import FixReport, Float, FrameSample, GnssSample, HomeSample, Image, NavigationState, Sample
 from geodata.flight import FlightFolder
+from geodata.flight_pad import pad_of_flight
 from geodata.flight_write import CsvAppender
 
 # a sample may be logged this long after the picture that it belongs with was taken
@@ -109,6 +111,7 @@ def replay_flight(
     out.mkdir(parents=True, exist_ok=True)
     write_states(out / "estimate.csv", run.states)
     write_states(out / SMOOTHED_FILE, run.hindsight.states)
+    run.landing.write(out / LANDING_FILE)
     _write_fixes(out / "fixes.csv", run.fixes)
     write_targets(out / "targets.csv", targets)
     write_sightings(out / "sightings.csv", sightings)
@@ -119,10 +122,14 @@ def replay_flight(
 
 
 def navigation_setup(folder: FlightFolder) -> NavigationSetup:
-    """Camera, map and ground of a flight folder."""
+    """Camera, map, ground and landing pad of a flight folder."""
+    pad = pad_of_flight(folder)
     place = _place(folder)
     files = MapFiles(None, folder.reference_path, folder.elevation_path, None)
-    return build_setup(profile_of_flight(folder.meta), files, place)
+    setup = build_setup(profile_of_flight(folder.meta), files, place)
+    if pad is None:
+        return setup
+    return replace(setup, pad=pad.pad, pad_at=surveyed_place(pad, setup.frame))
 
 
 def _place(folder: FlightFolder) -> Place:
@@ -179,6 +186,7 @@ class _Run:
         self.fixes: list[FixReport] = []
         self.hindsight = Hindsight(setup, self.navigator.config.noise)
         self.clicked = ClickPictures(folder.clicks())
+        self.landing = LandingTrack()
         self.frames = 0
         self.frames_untimed = 0
         self.frames_misshapen = 0
@@ -229,6 +237,8 @@ class _Run:
         self.fixes += self.navigator.advance(t_us)
         self.hindsight.note(t_us, self.navigator.corrected)
         state = self.navigator.state
+        if state is not None:
+            self.landing.note(state)
         if state is None or (self.states and state.t_us - self.states[-1].t_us < STATE_INTERVAL_US):
             return
         self.states.append(state)
@@ -360,6 +370,7 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
         },
         "video_clock": _video_clock(run.navigator),
         "modes": {mode: modes.count(mode) / len(modes) for mode in sorted(set(modes))},
+        "landing": {"modes": run.landing.modes()} if run.landing.rows else None,
         "timing": {
             "elapsed_s": elapsed_s,
             "flight_s": span_s,

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.filters.eskf import ErrorStateFilter, Layout, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
 from estimator.filters.initialise import FirstEstimate, InitialGuess, aligned
+from estimator.filters.nominal import Layout
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q

@@ -8,69 +8,29 @@ place to place and as a region. The last three change with the ground flown over
 of the imagery as a whole is not estimated until ``learn_map_offset`` says that there is one. Then come stochastic
 clones of the position and the camera attitude (Roumeliotis and Burdick, Stochastic cloning, ICRA 2002) at the previous
 picture and at the last keyframe, which make visual odometry an ordinary measurement, and the common errors of the
-heights that points have by the last two keyframes.
+heights that points have by the last two keyframes. A landing pad is a landmark: its place and attitude are states from
+the first picture that shows it.
 """
 
 from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.filters.kalman import correct
+from estimator.filters.nominal import PAD_GROUPS, Clone, Layout, Nominal, PadPlace
 from estimator.filters.strapdown import EarthModel, Motion, propagate
 from estimator.geometry.rotation import matrix_from_q, q_from_rotvec, q_multiply, q_normalise, skew
+from estimator.history import rotation_between
 from estimator.types import Float
 
-STATE_GROUPS = (
-    "position", "velocity", "attitude", "accelerometer_bias", "gyroscope_bias", "barometer_bias", "boresight",
-    "attitude_bias", "ground_bias", "map_bias", "map_region", "map_offset", "gnss_bias", "clone_position",
-    "clone_rotation", "keyframe_position", "keyframe_rotation", "structure",
-)  # fmt: skip
 _MOTION = 9
 _P, _V, _A = slice(0, 3), slice(3, 6), slice(6, 9)
 """Position, velocity and attitude: always there, and first."""
-_ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation")
-_SIZES = {"barometer_bias": 1, "ground_bias": 2, "map_bias": 2, "map_region": 2, "map_offset": 2, "gnss_bias": 2}
-
-
-@dataclass(frozen=True, slots=True)
-class Layout:
-    """Which error states there are, and where."""
-
-    slices: dict[str, slice]
-    size: int
-
-    @classmethod
-    def of(cls, groups: tuple[str, ...]) -> Layout:
-        """The layout of the named groups, in the order of ``STATE_GROUPS``; raises ValueError on unknown names."""
-        unknown = set(groups) - set(STATE_GROUPS)
-        if unknown:
-            message = f"unknown state groups: {', '.join(sorted(unknown))}"
-            raise ValueError(message)
-        slices: dict[str, slice] = {}
-        start = 0
-        for name in STATE_GROUPS:
-            if name in groups:
-                size = _SIZES.get(name, 3)
-                slices[name] = slice(start, start + size)
-                start += size
-        return cls(slices, start)
-
-    def has(self, name: str) -> bool:
-        """Whether a group is estimated."""
-        return name in self.slices
-
-    def jacobian(self, rows: int, **blocks: Float) -> Float:
-        """A measurement Jacobian (rows, size) with the given blocks; blocks of absent groups are dropped."""
-        H = np.zeros((rows, self.size))
-        for name, block in blocks.items():
-            where = self.slices.get(name)
-            if where is not None:
-                H[:, where] = block
-        return H
+_ROTATIONS = ("attitude", "clone_rotation", "keyframe_rotation", "pad_rotation")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,65 +57,11 @@ class ProcessNoise:
     map_region_length_m: float = 1500.0
     gnss_bias_std_m: float = 0.9
     gnss_bias_time_s: float = 70.0
+    # a pad lies still: what its picture errs by alike changes with the distance
+    pad_position_m_rt_s: float = 0.002
+    pad_rotation_rad_rt_s: float = 1e-4
     # without inertial data the velocity is a random walk
     manoeuvre_m_s2_rt_s: tuple[float, float, float] = (2.5, 2.5, 1.0)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Clone:
-    """Camera position (3,) NED and attitude at an earlier picture, as now estimated."""
-
-    pos_ned_m: Float
-    q_ned_from_camera: Float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Nominal:
-    """The estimate itself: motion and biases."""
-
-    motion: Motion
-    accelerometer_bias_m_s2: Float
-    gyroscope_bias_rad_s: Float
-    barometer_bias_m: float
-    boresight_rad: Float
-    attitude_bias_rad: Float
-    ground_biases_m: Float = field(default_factory=lambda: np.zeros(2))
-    map_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
-    map_region_ne_m: Float = field(default_factory=lambda: np.zeros(2))
-    map_offset_ne_m: Float = field(default_factory=lambda: np.zeros(2))
-    gnss_bias_ne_m: Float = field(default_factory=lambda: np.zeros(2))
-    clone: Clone | None = None
-    keyframe: Clone | None = None
-    structure_m: Float = field(default_factory=lambda: np.zeros(3))
-
-    def moved(self, motion: Motion, kept: Float, index: dict[str, slice]) -> Nominal:
-        """After a step that left so much (size,) of each state.
-
-        Spelled out, because ``replace`` on so many fields is a tenth of what a prediction costs.
-        """
-        bias, ground = index.get("attitude_bias"), index.get("ground_bias")
-        imagery, region, satellites = index.get("map_bias"), index.get("map_region"), index.get("gnss_bias")
-        return Nominal(
-            motion, self.accelerometer_bias_m_s2, self.gyroscope_bias_rad_s, self.barometer_bias_m, self.boresight_rad,
-            self.attitude_bias_rad if bias is None else self.attitude_bias_rad * kept[bias],
-            self.ground_biases_m if ground is None else self.ground_biases_m * kept[ground],
-            self.map_bias_ne_m if imagery is None else self.map_bias_ne_m * kept[imagery],
-            self.map_region_ne_m if region is None else self.map_region_ne_m * kept[region],
-            self.map_offset_ne_m,
-            self.gnss_bias_ne_m if satellites is None else self.gnss_bias_ne_m * kept[satellites],
-            self.clone, self.keyframe, self.structure_m,
-        )  # fmt: skip
-
-    @property
-    def ground_bias_m(self) -> float:
-        """How far what is seen lies below the ground model."""
-        return float(self.ground_biases_m.sum())
-
-    @property
-    def map_displacement_ne_m(self) -> Float:
-        """How far (2,) the imagery is displaced here, for all its reasons."""
-        total: Float = self.map_bias_ne_m + self.map_region_ne_m + self.map_offset_ne_m
-        return total
 
 
 @dataclass(slots=True)
@@ -258,6 +164,8 @@ class ErrorStateFilter:
             "boresight": noise.boresight_rad_rt_s,
             "attitude_bias": np.array(noise.attitude_bias_std_rad) * np.sqrt(2.0 / noise.attitude_bias_time_s),
             "gnss_bias": noise.gnss_bias_std_m * np.sqrt(2.0 / noise.gnss_bias_time_s),
+            "pad_position": noise.pad_position_m_rt_s,
+            "pad_rotation": noise.pad_rotation_rad_rt_s,
         }
         for name, density in rates.items():
             where = self.layout.slices.get(name)
@@ -289,6 +197,14 @@ class ErrorStateFilter:
         diagonal += self._motion_noise * dt_s + self._renewed_m2 * (1.0 - kept * kept)
         diagonal[_P] += self.noise.accelerometer_m_s2_rt_s**2 * dt_s**3 / 3.0
         self.nominal = nominal.moved(propagate(nominal.motion, rate, force, dt_s, self.earth), kept, index)
+
+    def predict_by_reports(self, q_before: Float | None, q_now: Float | None, dt_s: float) -> None:
+        """Advance by ``dt_s`` by how the reported attitude changes; where it is not known at either end it stays."""
+        q, noise = self.nominal.motion.q_ned_from_body, self.noise
+        if q_before is not None and q_now is not None:
+            correction = rotation_between(q_before, q) * np.exp(-dt_s / noise.attitude_bias_time_s)
+            q = q_normalise(q_multiply(q_from_rotvec(correction), q_now))
+        self.predict_attitude_driven(q, np.array(noise.attitude_bias_std_rad), noise.attitude_bias_time_s, dt_s)
 
     def predict_attitude_driven(
         self, q_ned_from_body: Float, attitude_std_rad: Float, attitude_time_s: float, dt_s: float
@@ -391,6 +307,7 @@ class ErrorStateFilter:
             clone=self._moved_clone(nominal.clone, "clone", dx),
             keyframe=self._moved_clone(nominal.keyframe, "keyframe", dx),
             structure_m=moved("structure", nominal.structure_m),
+            pad=self._moved_pad(nominal.pad, dx),
         )
         if float(rotation @ rotation) > 1e-4:
             self._turn_rotation_errors(dx)
@@ -417,6 +334,24 @@ class ErrorStateFilter:
         return Clone(
             clone.pos_ned_m + dx[part[f"{name}_position"]], q_normalise(q_multiply(turn, clone.q_ned_from_camera))
         )
+
+    def _moved_pad(self, pad: PadPlace | None, dx: Float) -> PadPlace | None:
+        if pad is None or not self.layout.has("pad_position"):
+            return pad
+        part = self.layout.slices
+        turn = q_from_rotvec(dx[part["pad_rotation"]])
+        return PadPlace(
+            pad.pos_ned_m + dx[part["pad_position"]], q_normalise(q_multiply(turn, pad.q_ned_from_pad))
+        )  # fmt: skip
+
+    def place_pad(self, pad: PadPlace, position_std_m: Float, rotation_std_rad: Float) -> None:
+        """Begin with a pad there, known to so much (3,) each and by nothing else that is estimated."""
+        for name, std in zip(PAD_GROUPS, (position_std_m, rotation_std_rad), strict=True):
+            where = self.layout.slices[name]
+            self.P[where] = 0.0
+            self.P[:, where] = 0.0
+            self.P[where, where] = np.diag(np.square(std))
+        self.nominal = replace(self.nominal, pad=pad)
 
     def copied(self) -> ErrorStateFilter:
         """One with the same estimate that can be carried on by itself."""

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.filters.eskf import Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ProcessNoise
+from estimator.filters.nominal import Layout, Nominal
 from estimator.filters.strapdown import Motion
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import q_from_rotvec, q_multiply

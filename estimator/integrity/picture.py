@@ -16,6 +16,11 @@ SATURATED, MAX_SATURATED = 250, 0.1
 still in the picture while the ground moves, and is followed for ground."""
 
 
+def grey(image: Image) -> Image:
+    """A picture (rows, cols), or (rows, cols, 3) in colour, as grey (rows, cols)."""
+    return image if image.ndim == 2 else image.mean(axis=2).astype(np.uint8)
+
+
 def texture(image: Image) -> float:
     """Median over tiles of the standard deviation of a grey picture (rows, cols), in grey levels.
 
@@ -27,6 +32,22 @@ def texture(image: Image) -> float:
     high, wide = rows // TILES[0], cols // TILES[1]
     tiles = small[: high * TILES[0], : wide * TILES[1]].reshape(TILES[0], high, TILES[1], wide)
     return float(np.median(tiles.std(axis=(1, 3))))
+
+
+class Repeats:
+    """Tells pictures that repeat the last one: a still aircraft's differ by their noise at least."""
+
+    def __init__(self, least_difference: float) -> None:
+        self._least_difference = least_difference
+        self._thumbnail: Image | None = None
+
+    def last(self, image: Image) -> bool:
+        """Whether a grey picture's mean change of grey since the one handed in before is below the least."""
+        thumbnail = image[::REDUCTION, ::REDUCTION].copy()
+        last, self._thumbnail = self._thumbnail, thumbnail
+        if last is None or last.shape != thumbnail.shape:
+            return False
+        return float(np.mean(np.abs(thumbnail.astype(np.int16) - last))) < self._least_difference
 
 
 def shows_ground(image: Image) -> bool:

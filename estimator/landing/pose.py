@@ -170,21 +170,32 @@ class Edges:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """A pose, its covariance (6, 6) in (w, t), its cost (whitened, prior included) and an edge's sigma in pixels."""
+    """A pose, its covariance (6, 6) in (w, t), its cost (whitened, prior included) and an edge's sigma in pixels.
+
+    ``edges_information`` (6, 6) and ``edges_pull`` (6,) are of the edges alone, for whoever knows the tilt himself:
+    without the prior the pose would be ``edges_information``^-1 ``edges_pull`` from here. ``edges_cost`` is their part
+    of the cost as if each stood for itself; ``inflation`` is by how much more sigma is, because neighbours err alike.
+    """
 
     pose: PadPose
     cov: Float
     cost: float
     sigma_px: float
+    edges_information: Float
+    edges_pull: Float
+    edges_cost: float
+    inflation: float
 
     @property
     def cov_pos_pad_m2(self) -> Float:
         """Covariance (3, 3) of the camera's position in the pad frame."""
-        jacobian = np.hstack(
-            (-self.pose.camera_from_pad.T @ skew(self.pose.pad_in_camera_m), -self.pose.camera_from_pad.T)
-        )
-        covariance: Float = jacobian @ self.cov @ jacobian.T
-        return covariance
+        return _cov_pos_pad_m2(self.pose, self.cov)
+
+
+def _cov_pos_pad_m2(pose: PadPose, cov: Float) -> Float:
+    jacobian = np.hstack((-pose.camera_from_pad.T @ skew(pose.pad_in_camera_m), -pose.camera_from_pad.T))
+    covariance: Float = jacobian @ cov @ jacobian.T
+    return covariance
 
 
 def skew(v: Float) -> Float:
@@ -272,11 +283,25 @@ def solve(
     residual = best[3]
     scatter = max(float(1.4826 * np.median(np.abs(residual))), least_sigma_px)
     # The prior does not get surer when edges do, so only the edges' part of the information is scaled.
-    ready = _linearised(edges, pose, state, prior, scatter * _inflation(residual))
-    if ready is None:
+    inflation = _inflation(residual)
+    alone = _linearised(edges, pose, state, None, scatter * inflation)
+    if alone is None:
         return None
-    covariance = np.asarray(np.linalg.inv(ready[0]), np.float64)
-    return Solution(pose, covariance[:6, :6], best[2], scatter)
+    information, pull = _of_pose(alone[0], alone[1])
+    normal, edges_cost = alone[0], best[2]
+    if prior is not None:
+        lacking, slope = prior.residual(pose)
+        normal[:6, :6] += slope.T @ slope
+        edges_cost -= float(lacking @ lacking)
+    covariance = np.asarray(np.linalg.inv(normal), np.float64)
+    return Solution(pose, covariance[:6, :6], best[2], scatter, information, pull, edges_cost, inflation)
+
+
+def _of_pose(normal: Float, gradient: Float) -> tuple[Float, Float]:
+    """Information (6, 6) and gradient (6,) of the pose, blur and bleeding being free (Schur's complement)."""
+    by_state = normal[:6, 6:] @ np.linalg.inv(normal[6:, 6:])
+    information: Float = normal[:6, :6] - by_state @ normal[6:, :6]
+    return 0.5 * (information + information.T), gradient[:6] - by_state @ gradient[6:]
 
 
 def corners(camera: Camera, points_m: Float, pixels: Float) -> Edges:
@@ -384,7 +409,7 @@ def cov_of_edges(edges: Edges, pose: PadPose, prior: TiltPrior | None, sigma_px:
         message = "the pose puts the pad behind the camera"
         raise GeometryError(message)
     covariance = np.asarray(np.linalg.inv(there[0]), np.float64)
-    return Solution(pose, covariance[:6, :6], 0.0, sigma_px).cov_pos_pad_m2
+    return _cov_pos_pad_m2(pose, covariance[:6, :6])
 
 
 def other_side(pose: PadPose) -> PadPose:

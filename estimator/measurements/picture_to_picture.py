@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from estimator.filters.eskf import Clone, ErrorStateFilter
+from estimator.filters.eskf import ErrorStateFilter
+from estimator.filters.nominal import Clone
 from estimator.geometry.camera import Camera
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix
 from estimator.history import rotation_between
+from estimator.integrity.picture import Repeats
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.visual_odometry import SurfaceConfig, bare_ground, displacement, moments, surface
@@ -70,7 +72,7 @@ class VisualOdometry:
         self._points = FollowedPoints()
         self._height_m = float("inf")
         self._t_us: int | None = None
-        self._thumbnail: Image | None = None
+        self._repeats = Repeats(config.frozen_difference)
 
     def step(
         self, t_us: int, image: Image, eskf: ErrorStateFilter, camera: CameraAttitude, camera_pos_ned_m: Float,
@@ -80,7 +82,8 @@ class VisualOdometry:
         self.took_picture = False
         if self._t_us is not None and t_us - self._t_us < self.config.interval_s * 1e6:
             return None
-        if self._is_frozen(image):
+        self.frozen = self._repeats.last(image)
+        if self.frozen:
             return None
         gap = self._t_us is None or t_us - self._t_us > self.config.max_gap_s * 1e6
         if gap:
@@ -245,14 +248,3 @@ class VisualOdometry:
         uv = self._camera.project((points - camera_pos_ned_m) @ camera.ned_from_camera)
         inside = (np.abs(uv - corners_uv_px) < self._camera.width_px).all(axis=1) & (rays[:, 2] > 0.05)
         return np.where(inside[:, None], uv, corners_uv_px)
-
-    def _is_frozen(self, image: Image) -> bool:
-        """Whether the picture repeats the last one: a still aircraft's pictures differ by their noise at least."""
-        thumbnail = image[::4, ::4].copy()
-        last, self._thumbnail = self._thumbnail, thumbnail
-        if last is None or last.shape != thumbnail.shape:
-            self.frozen = False
-            return False
-        difference = float(np.mean(np.abs(thumbnail.astype(np.int16) - last)))
-        self.frozen = difference < self.config.frozen_difference
-        return self.frozen

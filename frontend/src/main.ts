@@ -17,7 +17,8 @@ async function surroundings(): Promise<{ source: Source; api: StationApi }> {
     return fakeStation();
   }
   const base = new URL('.', location.href).toString();
-  return { source: new LiveSource(base), api: new RestApi(base) };
+  const name = crypto.randomUUID();
+  return { source: new LiveSource(base, name), api: new RestApi(base, undefined, name) };
 }
 
 const { source, api } = await surroundings();

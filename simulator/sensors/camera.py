@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from estimator.geometry.camera import Camera
 from estimator.types import Float, Image
 from simulator.random_streams import rng_for
+from simulator.sensors.pad_view import PadView
+from simulator.world.pad_place import PadPlace
 from simulator.world.patch import Float32
 from simulator.world.world import RAISED_UNIT_M, World
 
@@ -32,9 +34,11 @@ class CameraView:
     """Renders pictures (height, width, 3) in blue, green, red for a camera pose in the world's frame."""
 
     def __init__(
-        self, world: World, camera: Camera, seed: int, noise_std: float = 2.4, vignetting: float = 0.28
-    ) -> None:
+        self, world: World, camera: Camera, seed: int, noise_std: float = 2.4, vignetting: float = 0.28,
+        pad: PadPlace | None = None,
+    ) -> None:  # fmt: skip
         self.world, self.camera = world, camera
+        self._pad = None if pad is None else PadView(pad, camera, seed)
         self._grid = (camera.height_px // _STEP_PX + 2, camera.width_px // _STEP_PX + 2)
         self._rays = self._ray_grid()
         rng = rng_for(seed, "camera")
@@ -55,6 +59,9 @@ class CameraView:
         """The picture from a position (3,) with a rotation (3, 3); camera axes are right, down, forward."""
         col, row, wall = self._ground_map(pos_ned_m, ned_from_camera)
         sharp = cv2.remap(self.world.ground_bgr, col, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT_101)
+        if self._pad is not None:
+            sharp = self._pad.roughen(_image(sharp), col, row, self.world.ground_patch, float(-pos_ned_m[2]))
+            self._pad.draw(sharp, pos_ned_m, ned_from_camera)
         return self._exposed(_image(sharp), wall)
 
     def _ray_grid(self) -> Float32:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, pi, sin, tan
+from math import atan2, cos, exp, inf, pi, sin, tan
 
 import numpy as np
 
@@ -23,6 +23,9 @@ _MAX_TURN_RAD_S = 0.45
 _DRAG_PER_S = 0.055
 _THRUST_LAG_S = 0.15
 _GUST_TILT_RAD = 0.012
+# On its skids: friction stops it, the springs bring it level, and a wish to climb of this much lifts it off.
+_SKID_TIME_S, _LEVEL_TIME_S = 0.04, 0.3
+_LIFT_OFF_M_S = 0.2
 
 
 class Helicopter:
@@ -52,12 +55,19 @@ class Helicopter:
         self._thrust = self._gravity
         self._pos, self._vel = np.array(pos_ned_m, dtype=np.float64), np.zeros(3)
         self._q = q_from_euler(*self._angle)
+        self.on_ground = False
 
-    def step(self, t_us: int, dt_s: float, vel_command_ned_m_s: Float, yaw_command_rad: float) -> VehicleState:
-        """Advance by ``dt_s`` to the time ``t_us``."""
+    def step(
+        self, t_us: int, dt_s: float, vel_command_ned_m_s: Float, yaw_command_rad: float, floor_down_m: float = inf
+    ) -> VehicleState:
+        """Advance by ``dt_s`` to the time ``t_us``; nothing gets below ``floor_down_m``, where it stands."""
         wind = self._mean_wind + self._gust.step(dt_s) * (1.0, 1.0, 0.5)
         drag = -_DRAG_PER_S * (self._vel - wind)
-        self._turn(dt_s, vel_command_ned_m_s, yaw_command_rad)
+        if self.on_ground:
+            self._angle = self._angle * (*[exp(-dt_s / _LEVEL_TIME_S)] * 2, 1.0)
+            self._angle_rate = np.zeros(3)
+        else:
+            self._turn(dt_s, vel_command_ned_m_s, yaw_command_rad)
         vertical = 1.2 * (vel_command_ned_m_s[2] - self._vel[2])
         lift = (self._gravity - vertical) / (cos(self._angle[0]) * cos(self._angle[1]))
         self._thrust += (lift - self._thrust) * dt_s / _THRUST_LAG_S
@@ -68,9 +78,20 @@ class Helicopter:
         before = self._vel
         self._vel = before + acceleration * dt_s
         self._pos = self._pos + 0.5 * (before + self._vel) * dt_s
+        if self._pos[2] >= floor_down_m:
+            self._stand(dt_s, before, float(vel_command_ned_m_s[2]), floor_down_m)
         state = self._state(t_us, dt_s, before, q, ned_from_body, wind)
         self._q = q
         return state
+
+    def _stand(self, dt_s: float, vel_before: Float, down_command_m_s: float, floor_down_m: float) -> None:
+        self.on_ground = down_command_m_s > -_LIFT_OFF_M_S
+        if self.on_ground:
+            self._vel = vel_before * exp(-dt_s / _SKID_TIME_S)
+            self._thrust = self._gravity
+        else:
+            self._vel[2] = min(self._vel[2], 0.0)
+        self._pos[2] = floor_down_m
 
     def _turn(self, dt_s: float, vel_command: Float, yaw_command_rad: float) -> None:
         """Second-order response of roll, pitch and yaw to what the velocity error asks for."""

@@ -17,7 +17,10 @@ _SIDE_ACCELERATION_M_S2 = 2.0
 _CLIMB_M_S = 2.5
 _ARRIVED_M = 1.5
 _POINT_SPACING_M = 2.0
-_SKID_M = 0.3
+SKID_M = 0.3
+# ArduPilot's GUID_TIMEOUT, and how long it lands by a target that it does not hear of any more.
+_SET_POINT_S, _TARGET_S = 3.0, 1.0
+_LANDING_M_S = 0.4
 
 
 class FlightMode(IntEnum):
@@ -32,9 +35,15 @@ class FlightMode(IntEnum):
 
 
 class Pilot:
-    """Turns mode and position into a velocity and a heading to fly."""
+    """Turns mode and position into a velocity and a heading to fly.
 
-    def __init__(self, route: Route, home_ned_m: Float, terrain: Terrain, speed_m_s: float, hover_s: float) -> None:
+    With ``until_it_stands`` a landing goes on down until something stops it, wherever the ground is thought to be.
+    """
+
+    def __init__(
+        self, route: Route, home_ned_m: Float, terrain: Terrain, speed_m_s: float, hover_s: float,
+        until_it_stands: bool = False,
+    ) -> None:  # fmt: skip
         self._terrain = terrain
         self._route, self.home_ned_m, self._speed, self._hover_s = route, home_ned_m, speed_m_s, hover_s
         self._limit_m_s = _speed_limits(route)
@@ -45,11 +54,15 @@ class Pilot:
         self._next_stop = self._stop_after(0)
         self._yaw = float(np.arctan2(route.tangent_ne[0, 1], route.tangent_ne[0, 0]))
         self.goal_ned_m: Float = np.array(route.start_ned_m)
+        self._until_it_stands = until_it_stands
+        self._set_point: Float | None = None
+        self._set_point_s = self._target_s = 0.0
 
     def fly(self, mode: FlightMode, pos_ned_m: Float, goal_ned_m: Float | None = None) -> None:
         """Change the mode; GUIDED needs a goal, the others take it from where the vehicle is."""
         self.mode = mode
         self._speed_now = 0.0
+        self._set_point, self._target_s = None, 0.0
         if goal_ned_m is not None:
             self.goal_ned_m = np.array(goal_ned_m)
         elif mode is FlightMode.RTL:
@@ -62,15 +75,37 @@ class Pilot:
         else:
             self.goal_ned_m = np.array(pos_ned_m)
 
+    @property
+    def follows_set_points(self) -> bool:
+        """Whether a velocity is flown that somebody else decides."""
+        return self._set_point is not None
+
+    def follow(self, vel_ned_m_s: Float) -> None:
+        """Fly this velocity (3,) until the next comes, for three seconds at most and then none; in GUIDED only."""
+        if self.mode is FlightMode.GUIDED:
+            self._set_point, self._set_point_s = vel_ned_m_s, _SET_POINT_S
+
+    def aim(self, target_ned_m: Float) -> None:
+        """Land there (3,) from now on, while LAND is flown; where nothing more is heard of it, straight down."""
+        if self.mode is FlightMode.LAND:
+            self.goal_ned_m[:2], self._target_s = target_ned_m[:2], _TARGET_S
+
     def command(self, pos_ned_m: Float, dt_s: float) -> tuple[Float, float]:
         """Velocity (3,) and heading to fly now."""
         if self.mode is FlightMode.AUTO:
             return self._along_route(pos_ned_m, dt_s), self._yaw
+        if self._set_point is not None:
+            self._set_point_s -= dt_s
+            return (self._set_point if self._set_point_s > 0.0 else np.zeros(3)), self._yaw
+        if self._target_s > 0.0:
+            self._target_s -= dt_s
+            if self._target_s <= 0.0:
+                self.goal_ned_m[:2] = pos_ned_m[:2]
         offset = self.goal_ned_m - pos_ned_m
         if self.mode is FlightMode.RTL and np.hypot(offset[0], offset[1]) < _ARRIVED_M:
             self.goal_ned_m[2] = self.home_ned_m[2] - 15.0
         if self.mode is FlightMode.LAND:
-            self.goal_ned_m[2] = -float(self._terrain.at(pos_ned_m[0], pos_ned_m[1])) - _SKID_M
+            self.goal_ned_m[2] = -float(self._terrain.at(pos_ned_m[0], pos_ned_m[1])) - SKID_M
         return self._towards(offset, dt_s), self._yaw
 
     def _towards(self, offset_ned_m: Float, dt_s: float) -> Float:
@@ -84,6 +119,8 @@ class Pilot:
             self._yaw = float(np.arctan2(offset_ned_m[1], offset_ned_m[0]))
         climb = 1.0 if self.mode is FlightMode.LAND and abs(offset_ned_m[2]) < 8 else _CLIMB_M_S
         velocity[2] = np.clip(0.6 * offset_ned_m[2], -climb, climb)
+        if self.mode is FlightMode.LAND and self._until_it_stands:
+            velocity[2] = max(velocity[2], _LANDING_M_S)
         return velocity
 
     def _along_route(self, pos_ned_m: Float, dt_s: float) -> Float:

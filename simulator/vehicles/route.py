@@ -59,6 +59,24 @@ def make_route(
     return Route(points, tangent, bend, tuple(int(stop) % len(points) for stop in stops))
 
 
+def pad_route(seed: int, pad_ned_m: Float, height_m: float, away_m: float, circle_m: float) -> Route:
+    """A circle that sinks from 6 m more to ``height_m`` over the pad, and waits there, ``away_m`` beside it."""
+    rng = rng_for(seed, "route")
+    beside, inward = rng.uniform(0, 2 * np.pi, 2)
+    stop = pad_ned_m[:2] + away_m * np.array([np.cos(beside), np.sin(beside)])
+    count = max(12, round(2 * np.pi * circle_m / _STEP_M))
+    # Begun opposite to where it waits.
+    turn = 2 * np.pi * np.arange(count) / count
+    out = inward + np.pi - turn
+    middle = stop + circle_m * np.array([np.cos(inward), np.sin(inward)])
+    place = middle - circle_m * np.stack([np.cos(out), np.sin(out)], axis=1)
+    down = pad_ned_m[2] - height_m - 3.0 * (1 + np.cos(turn))
+    tangent = -np.stack([np.sin(out), -np.cos(out)], axis=1)
+    return Route(
+        np.column_stack((place, down)), tangent, np.full(count, 1.0 / circle_m), (int(np.argmin(np.abs(turn - np.pi))),)
+    )
+
+
 def _closed_spline(nodes: Float) -> Float:
     """Centripetal Catmull-Rom through all nodes, closed."""
     pieces = []

@@ -32,9 +32,12 @@ class RunningStation:
     def sockets(self) -> str:
         return self.address.replace("http://", "ws://")
 
-    def stream(self, **options: Any) -> Any:
+    def stream(self, page: str = "", **options: Any) -> Any:
         # With a bounded queue an unread client does not see the answer to its own farewell, and waits 10 s for it.
-        return websockets.connect(f"{self.sockets}/api/v1/stream", **{"max_size": None, "max_queue": None, **options})
+        query = f"?page={page}" if page else ""
+        return websockets.connect(
+            f"{self.sockets}/api/v1/stream{query}", **{"max_size": None, "max_queue": None, **options}
+        )
 
     def video(self, source: str) -> Any:
         """A viewer; ``source`` may have a query."""

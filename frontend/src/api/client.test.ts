@@ -14,6 +14,31 @@ function station(status: number, body: unknown) {
 const target = { id: 'a/b', properties: { version: 4 } } as unknown as Target;
 
 describe('RestApi', () => {
+  it('asks for what ends with this page under its name', async () => {
+    const calls: Request[] = [];
+    const send = (request: Request) => {
+      calls.push(request);
+      return Promise.resolve(new Response('{}', { status: 200 }));
+    };
+    await new RestApi('http://station:8700/', send, 'page-7').askLanding('1', { aiding: true });
+    expect(calls[0]?.url).toBe('http://station:8700/api/v1/vehicles/1/landing');
+    expect(await calls[0]?.json()).toEqual({ aiding: true, page: 'page-7' });
+  });
+
+  it('takes no pad, and no picture of it, for an answer', async () => {
+    const { api } = station(404, { title: 'Not Found', detail: 'no landing pad is described' });
+    expect(await api.pad()).toBeNull();
+    expect(await station(204, undefined).api.padView('1')).toBeNull();
+    await expect(api.padView('1')).rejects.toThrow('no landing pad');
+    await expect(station(409, { title: 'Conflict' }).api.pad()).rejects.toThrow('Conflict');
+  });
+
+  it('reads off a picture of the pad what it is of', async () => {
+    const headers = { 'X-Frame-Id': '77', 'X-Side-M': '2.86' };
+    const api = new RestApi('http://station:8700/', () => Promise.resolve(new Response(new Blob(['jpeg']), { headers })));
+    expect(await api.padView('1')).toMatchObject({ frame_id: 77, side_m: 2.86, picture: { size: 4 } });
+  });
+
   it('sends a click with the number of its picture', async () => {
     const { api, calls } = station(201, { id: 't' });
     await api.createTarget({ vehicle_id: '1', frame_id: 812, u_px: 10.5, v_px: 20 });

@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pointing, Problem, Target, TrackCollection } from './types';
+import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -43,6 +43,21 @@ export interface ReplayChange {
   seek_unix_us?: number;
 }
 
+/** The pad as from straight above, `side_m` wide, its centre in the middle and its x up. */
+export interface PadView {
+  frame_id: number;
+  side_m: number;
+  picture: Blob;
+}
+
+export interface LandingWish {
+  aiding?: boolean;
+  /** Whether a pan-tilt camera is kept on the pad. */
+  gaze?: boolean;
+  land?: true;
+  abort?: true;
+}
+
 export interface StationApi {
   createTarget(target: NewTarget): Promise<Target>;
   renameTarget(target: Target, name: string): Promise<Target>;
@@ -76,6 +91,14 @@ export interface StationApi {
   /** The layer that a map has, computed first where it has none: seconds for each square kilometre. */
   matchability(map_id: string): Promise<Matchability>;
   matchabilityTileUrl(map_id: string): string;
+  /** Null where none is described. */
+  pad(): Promise<Pad | null>;
+  givePad(description: unknown): Promise<Pad>;
+  removePad(): Promise<void>;
+  /** What is begun here ends with this page. */
+  askLanding(vehicle_id: string, wish: LandingWish): Promise<void>;
+  /** Null where no picture has shown the pad lately. */
+  padView(vehicle_id: string): Promise<PadView | null>;
 }
 
 /** What a refusal says. Anything that is no problem document still gives a sentence. */
@@ -113,7 +136,9 @@ export class RestApi implements StationApi {
 
   constructor(
     private readonly base: string,
-    send: (request: Request) => Promise<Response> = (request) => fetch(request),
+    private readonly send: (request: Request) => Promise<Response> = (request) => fetch(request),
+    /** Under which the station knows this page. */
+    private readonly page = '',
   ) {
     this.client = createClient<paths>({ baseUrl: base.replace(/\/$/, ''), fetch: send });
   }
@@ -263,6 +288,42 @@ export class RestApi implements StationApi {
 
   matchabilityTileUrl(map_id: string): string {
     return new URL(`api/v1/maps/${encodeURIComponent(map_id)}/matchability/`, this.base).toString() + '{z}/{x}/{y}.png';
+  }
+
+  pad(): Promise<Pad | null> {
+    return orNull(this.answer(this.client.GET('/api/v1/pad')));
+  }
+
+  givePad(description: unknown): Promise<Pad> {
+    return this.answer(this.client.PUT('/api/v1/pad', { body: description as Record<string, unknown> }));
+  }
+
+  async removePad(): Promise<void> {
+    await this.answer(this.client.DELETE('/api/v1/pad'));
+  }
+
+  async askLanding(vehicle_id: string, wish: LandingWish): Promise<void> {
+    const body = this.page ? { ...wish, page: this.page } : wish;
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/landing', { params: { path: { vehicle_id } }, body }));
+  }
+
+  async padView(vehicle_id: string): Promise<PadView | null> {
+    const url = new URL(`api/v1/vehicles/${encodeURIComponent(vehicle_id)}/landing/view`, this.base);
+    const response = await this.send(new Request(url));
+    if (response.status === 204) return null;
+    if (!response.ok) throw problemError(response.status, await response.text());
+    const of = (name: string) => Number(response.headers.get(name));
+    return { frame_id: of('X-Frame-Id'), side_m: of('X-Side-M'), picture: await response.blob() };
+  }
+}
+
+/** What is not there is an answer too. */
+async function orNull<T>(answer: Promise<T>): Promise<T | null> {
+  try {
+    return await answer;
+  } catch (error) {
+    if (error instanceof ApiError && error.status === 404) return null;
+    throw error;
   }
 }
 

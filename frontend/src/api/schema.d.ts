@@ -184,6 +184,80 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/pad": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Pad
+         * @description The landing pad that is looked for.
+         */
+        get: operations["get_pad_api_v1_pad_get"];
+        /**
+         * Put Pad
+         * @description Look for the pad of this description, the JSON file that ``pilotage pad`` writes. Estimators begin anew.
+         */
+        put: operations["put_pad_api_v1_pad_put"];
+        post?: never;
+        /**
+         * Delete Pad
+         * @description Look for no pad.
+         */
+        delete: operations["delete_pad_api_v1_pad_delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/landing": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Landing
+         * @description Where a vehicle is relative to the pad; the fields of the stream's ``landing`` message.
+         */
+        get: operations["get_landing_api_v1_vehicles__vehicle_id__landing_get"];
+        put?: never;
+        /**
+         * Ask Landing
+         * @description Begin or end what helps a vehicle land. What is begun ends with the page that began it.
+         */
+        post: operations["ask_landing_api_v1_vehicles__vehicle_id__landing_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/landing/view": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get View
+         * @description The newest picture that showed the pad, as from straight above: pad's x up, y to the right, centre in the middle.
+         *
+         *     ``X-Side-M`` is the side of the square in metres, ``X-Frame-Id`` the picture.
+         */
+        get: operations["get_view_api_v1_vehicles__vehicle_id__landing_view_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/locate": {
         parameters: {
             query?: never;
@@ -629,6 +703,22 @@ export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
         /**
+         * AidingBody
+         * @description LANDING_TARGET to the autopilot: asked for, in which form, whether it goes out now, and else why not.
+         */
+        AidingBody: {
+            /** On */
+            on: boolean;
+            /** Form */
+            form: ("body" | "local") | null;
+            /** Sending */
+            sending: boolean;
+            /** Sent */
+            sent: number;
+            /** Reason */
+            reason: string;
+        };
+        /**
          * AlignmentAccepted
          * @description The measurement was handed to the estimator; a ``fix`` message of kind ``operator`` says what it made of it.
          *
@@ -731,6 +821,27 @@ export interface components {
             last_error: string | null;
         };
         /**
+         * DescentBody
+         * @description The landing that the station flies, or flew last: how far, and why it holds or has ended.
+         */
+        DescentBody: {
+            /** Active */
+            active: boolean;
+            /**
+             * Phase
+             * @enum {string}
+             */
+            phase: "approach" | "descend" | "touchdown" | "landed" | "abort";
+            /** Reason */
+            reason: string;
+            /** Set Point Ned M S */
+            set_point_ned_m_s: [
+                number,
+                number,
+                number
+            ] | null;
+        };
+        /**
          * EllipseBody
          * @description A horizontal 95 % error ellipse; azimuth of the major axis from north.
          */
@@ -802,6 +913,16 @@ export interface components {
             ce90_m: number | null;
         };
         /**
+         * GazeBody
+         * @description A pan-tilt camera kept on the pad: asked for, and why it is not pointed; null where the camera cannot turn.
+         */
+        GazeBody: {
+            /** On */
+            on: boolean;
+            /** Reason */
+            reason: string;
+        };
+        /**
          * Health
          * @description The process answers.
          */
@@ -814,6 +935,84 @@ export interface components {
             status: "ok";
             /** Version */
             version: string;
+        };
+        /**
+         * LandingBody
+         * @description Where a vehicle is relative to the pad; null where it is not known.
+         *
+         *     ``north_m``, ``east_m`` and ``height_m`` lead from the pad's centre to the vehicle, ``ahead_m`` and ``right_m`` from
+         *     the vehicle to the pad as the vehicle heads; ``x_m``, ``y_m`` are the vehicle's place in the pad's frame.
+         *     ``outlines_px`` is where the estimate has the pad's outlines in a picture of this time, of the size in ``seen``.
+         *     Standard deviations are one sigma, ``std_horizontal_m`` along the worst direction. ``age_s`` counts from the last
+         *     picture that showed the pad; ``reason`` says why the newest was not used. ``coast_left_s`` is how long dead
+         *     reckoning stays good enough to land by, if the velocity stays as wrong as it may be.
+         */
+        LandingBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            /** T State Unix Us */
+            t_state_unix_us: number | null;
+            /** Pad */
+            pad: string | null;
+            /** Mode */
+            mode: ("searching" | "tracking" | "dead_reckoning" | "lost") | null;
+            /** Reason */
+            reason: string;
+            /** Age S */
+            age_s: number | null;
+            /** North M */
+            north_m: number | null;
+            /** East M */
+            east_m: number | null;
+            /** Height M */
+            height_m: number | null;
+            /** Sink M S */
+            sink_m_s: number | null;
+            /** Speed M S */
+            speed_m_s: number | null;
+            /** Ahead M */
+            ahead_m: number | null;
+            /** Right M */
+            right_m: number | null;
+            /** X M */
+            x_m: number | null;
+            /** Y M */
+            y_m: number | null;
+            /** Heading On Pad Deg */
+            heading_on_pad_deg: number | null;
+            /** Std Horizontal M */
+            std_horizontal_m: number | null;
+            /** Std Height M */
+            std_height_m: number | null;
+            /** Std Velocity M S */
+            std_velocity_m_s: number | null;
+            /** Outlines Px */
+            outlines_px: [
+                number,
+                number
+            ][][] | null;
+            seen: components["schemas"]["SeenBody"] | null;
+            /** Coast Left S */
+            coast_left_s: number | null;
+            aiding: components["schemas"]["AidingBody"];
+            descent: components["schemas"]["DescentBody"] | null;
+            gaze: components["schemas"]["GazeBody"] | null;
+        };
+        /**
+         * LandingRequest
+         * @description What to begin or to end. What is begun ends with the page: ``page`` is the name it opened the stream under.
+         */
+        LandingRequest: {
+            /** Page */
+            page?: string | null;
+            /** Aiding */
+            aiding?: boolean | null;
+            /** Gaze */
+            gaze?: boolean | null;
+            /** Land */
+            land?: true | null;
+            /** Abort */
+            abort?: true | null;
         };
         /**
          * LocateBody
@@ -999,6 +1198,27 @@ export interface components {
             track?: boolean | null;
         };
         /**
+         * PadBody
+         * @description The landing pad that is looked for; ``description`` is its file.
+         */
+        PadBody: {
+            /** Name */
+            name: string;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "circles" | "tags";
+            /** Rings */
+            rings: components["schemas"]["RingBody"][];
+            /** Tags */
+            tags: components["schemas"]["TagBody"][];
+            /** Description */
+            description: {
+                [key: string]: unknown;
+            };
+        };
+        /**
          * PointGeometry
          * @description RFC 7946: longitude first; the third coordinate is height above mean sea level.
          */
@@ -1101,6 +1321,47 @@ export interface components {
             start_s: number;
         };
         /**
+         * RingBody
+         * @description A ring of the pad: centre in the pad's frame (x ahead, y right), radii, and which triple, 0 the largest.
+         */
+        RingBody: {
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+            /** Outer M */
+            outer_m: number;
+            /** Inner M */
+            inner_m: number;
+            /** Triple */
+            triple: number;
+        };
+        /**
+         * SeenBody
+         * @description The pad in one picture: where its outlines lie in a picture of ``width_px`` by ``height_px``.
+         *
+         *     ``triple`` is the largest that was used, -1 for tags; ``seen_share`` of the edges foretold was there.
+         */
+        SeenBody: {
+            /** Frame Id */
+            frame_id: number;
+            /** T Frame Unix Us */
+            t_frame_unix_us: number;
+            /** Width Px */
+            width_px: number;
+            /** Height Px */
+            height_px: number;
+            /** Triple */
+            triple: number;
+            /** Seen Share */
+            seen_share: number;
+            /** Outlines Px */
+            outlines_px: [
+                number,
+                number
+            ][][];
+        };
+        /**
          * StateBody
          * @description The fields of the stream's ``state`` message; described here as far as they are not plain numbers.
          *
@@ -1127,6 +1388,20 @@ export interface components {
             boresight_std_deg: (number | null)[] | null;
         } & {
             [key: string]: unknown;
+        };
+        /**
+         * TagBody
+         * @description A tag of the pad: centre in the pad's frame and the side of its black square.
+         */
+        TagBody: {
+            /** Number */
+            number: number;
+            /** X M */
+            x_m: number;
+            /** Y M */
+            y_m: number;
+            /** Side M */
+            side_m: number;
         };
         /**
          * TargetCollection
@@ -1757,6 +2032,279 @@ export interface operations {
                 content: {
                     "application/json": components["schemas"]["CommandAccepted"];
                 };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_pad_api_v1_pad_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PadBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    put_pad_api_v1_pad_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": {
+                    [key: string]: unknown;
+                };
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PadBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    delete_pad_api_v1_pad_delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_landing_api_v1_vehicles__vehicle_id__landing_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["LandingBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    ask_landing_api_v1_vehicles__vehicle_id__landing_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["LandingRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["LandingBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_view_api_v1_vehicles__vehicle_id__landing_view_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/jpeg": unknown;
+                };
+            };
+            /** @description No picture has shown the pad lately */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
             };
             /** @description A problem (RFC 9457) */
             default: {

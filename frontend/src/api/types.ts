@@ -38,6 +38,9 @@ export interface Pointing {
 }
 export type TargetTrack = Schemas['TrackBody'];
 export type Flight = Schemas['FlightBody'];
+export type Pad = Schemas['PadBody'];
+export type Landing = Schemas['LandingBody'];
+export type PadSeen = Schemas['SeenBody'];
 export type TrackCollection = Schemas['TrackCollection'];
 
 export interface Alarm {
@@ -244,6 +247,14 @@ export interface ReplayPreparingMessage extends Envelope {
   progress: number;
 }
 
+export type LandingMessage = Envelope & Landing & { type: 'landing' };
+
+/** Another pad is looked for, or none. */
+export interface PadMessage extends Envelope {
+  type: 'pad';
+  name: Maybe<string>;
+}
+
 export interface WaitingMessage extends Envelope {
   type: 'waiting';
   waiting_for: string[];
@@ -275,6 +286,8 @@ export type StationMessage =
   | RecordingMessage
   | ReplayMessage
   | ReplayPreparingMessage
+  | LandingMessage
+  | PadMessage
   | WaitingMessage
   | VehicleMessage
   | PongMessage;

@@ -7,6 +7,7 @@ import type { CoordinateFormat } from '../geo/format';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
 import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
+import { PadOutlines } from '../store/landing';
 import { SightingBook } from '../store/sightings';
 import { TrackBook } from '../store/tracks';
 import { Deletions } from '../store/deletions';
@@ -14,7 +15,7 @@ import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
 import { MatchOverlay } from './overlay.svelte';
 
-export type Tab = 'targets' | 'alarms' | 'flights' | 'maps';
+export type Tab = 'targets' | 'landing' | 'alarms' | 'flights' | 'maps';
 
 export interface Notice {
   id: number;
@@ -93,6 +94,7 @@ export class Session {
 
   readonly tracks = new TrackBook();
   readonly sightings = new SightingBook();
+  readonly padOutlines = new PadOutlines();
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
   private readonly heard_ms = new Map<string, number>();
@@ -161,6 +163,7 @@ export class Session {
       }
       if (message.type === 'gps') moved = true;
       sighted = this.sightings.apply(message) || sighted;
+      if (message.type === 'landing') sighted = this.padOutlines.take(message) || sighted;
       if (message.type === 'hello') {
         moved = true;
         // After an interruption the station knows more of the track than this page.

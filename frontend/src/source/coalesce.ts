@@ -11,6 +11,7 @@ export function coalescingKey(message: StationMessage): string | null {
     case 'link':
     case 'replay':
     case 'replay_preparing':
+    case 'landing':
       return `${message.type}/${message.vehicle_id}`;
     case 'fix':
       // What became of an operator's alignment is an answer.

@@ -208,6 +208,11 @@ class FakeStation implements Source {
     tileUrl: () => '',
     matchability: () => Promise.reject(new Error('nothing is computed here')),
     matchabilityTileUrl: () => '',
+    pad: () => Promise.resolve(null),
+    givePad: () => Promise.reject(new Error('nothing is landed here')),
+    removePad: () => Promise.resolve(),
+    askLanding: () => Promise.reject(new Error('nothing is landed here')),
+    padView: () => Promise.resolve(null),
   };
 }
 

@@ -37,12 +37,16 @@ export class Pump {
 }
 
 export class LiveSource implements Source {
-  constructor(private readonly page: string) {}
+  /** Under `name` the station knows this page: what it begins ends with it. */
+  constructor(
+    private readonly page: string,
+    private readonly name: string,
+  ) {}
 
   openMessages(listener: MessageListener): Feed {
     const pump = new Pump(listener);
     return new ReconnectingSocket(
-      socketUrl(this.page, 'api/v1/stream'),
+      socketUrl(this.page, `api/v1/stream?page=${encodeURIComponent(this.name)}`),
       {
         status: (status) => listener.status(status),
         data: (data) => {

@@ -28,6 +28,19 @@ const hello = (fields: object = {}) => ({
 });
 
 describe('reduce', () => {
+  it('keeps the newest word on the landing, and asks again for the pad when it may be another', () => {
+    const mission = fold([
+      hello({ vehicles: [{ id: '1' }] }),
+      { type: 'landing', vehicle_id: '1', mode: 'searching' },
+      { type: 'landing', vehicle_id: '1', mode: 'tracking' },
+    ]);
+    expect(mission.vehicles['1']?.landing?.mode).toBe('tracking');
+    const after = fold([{ type: 'pad', name: 'other' }], mission);
+    expect(after.padRevision).toBe(mission.padRevision + 1);
+    // The station may have been started anew with another one.
+    expect(fold([hello()], after).padRevision).toBe(after.padRevision + 1);
+  });
+
   it('takes hello as the whole truth and keeps what a vehicle last said', () => {
     const before = fold([
       { type: 'state', vehicle_id: '1', epoch: 0, mode: 'gps' },

@@ -5,6 +5,7 @@ import type {
   Alarm,
   FixMessage,
   GpsMessage,
+  LandingMessage,
   LinkMessage,
   MapSummary,
   Recording,
@@ -37,6 +38,7 @@ export interface Vehicle {
   fixesAccepted: number;
   fixesRejected: number;
   replay: ReplayMessage | null;
+  landing: LandingMessage | null;
 }
 
 export interface Mission {
@@ -52,6 +54,8 @@ export interface Mission {
   /** Flights that are being read for a replay, and how far, 0 to 1. */
   preparing: Record<string, number>;
   waiting_for: string[];
+  /** Goes up whenever the landing pad may be another one. */
+  padRevision: number;
 }
 
 export const NO_MISSION: Mission = {
@@ -64,6 +68,7 @@ export const NO_MISSION: Mission = {
   recording: { active: false, flight_id: null },
   preparing: {},
   waiting_for: [],
+  padRevision: 0,
 };
 
 export function newVehicle(id: string, summary: VehicleSummary | null = null): Vehicle {
@@ -79,6 +84,7 @@ export function newVehicle(id: string, summary: VehicleSummary | null = null): V
     fixesAccepted: 0,
     fixesRejected: 0,
     replay: null,
+    landing: null,
   };
 }
 
@@ -153,6 +159,7 @@ function greeted(mission: Mission, hello: Extract<StationMessage, { type: 'hello
     recording: hello.recording,
     preparing: {},
     waiting_for: hello.waiting_for,
+    padRevision: mission.padRevision + 1,
   };
 }
 
@@ -220,6 +227,10 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
       const { active, flight_id, duration_s, bytes } = message;
       return { ...mission, recording: { active, flight_id, duration_s: duration_s ?? null, bytes: bytes ?? null } };
     }
+    case 'landing':
+      return withVehicle(mission, message.vehicle_id, { landing: message });
+    case 'pad':
+      return { ...mission, padRevision: mission.padRevision + 1 };
     case 'waiting':
       return { ...mission, waiting_for: message.waiting_for };
     case 'pong':

@@ -3,7 +3,15 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from backend.link.events import Autopilot, LinkEvent, SampleEvent, TelemetryBattery, TelemetryHeartbeat, VehicleType
+from backend.link.events import (
+    Autopilot,
+    LinkEvent,
+    SampleEvent,
+    TelemetryBattery,
+    TelemetryHeartbeat,
+    TelemetryLocalPosition,
+    VehicleType,
+)
 from backend.link.framing import MavlinkFramer, RawPacket
 from backend.link.vehicle import Vehicle
 from estimator.types import GnssSample, InertialSample
@@ -61,3 +69,21 @@ def test_battery_status_serves_until_sys_status_tells_the_voltage() -> None:
     assert [type(e) for e in _take(vehicle, battery)] == [TelemetryBattery]
     assert [type(e) for e in _take(vehicle, status)] == [TelemetryBattery]
     assert _take(vehicle, battery) == []
+
+
+def test_the_autopilot_s_own_local_position_has_the_time_at_which_it_was_so() -> None:
+    vehicle = _vehicle(Autopilot.PX4)
+    _take(vehicle, dialect.MAVLink_system_time_message(0, 60_000))
+    late = T_US + 300_000
+    (event,) = _take(vehicle, dialect.MAVLink_local_position_ned_message(60_200, 1, 2, -3, 0.1, 0.2, 0.3), late)
+
+    assert isinstance(event, TelemetryLocalPosition)
+    assert event.t_us == T_US + 200_000
+    assert event.pos_ned_m == (1.0, 2.0, -3.0)
+    assert event.vel_ned_m_s == pytest.approx((0.1, 0.2, 0.3))
+
+
+def test_a_local_position_without_a_number_is_none() -> None:
+    message = dialect.MAVLink_local_position_ned_message(60_200, 1, float("nan"), -3, 0, 0, 0)
+
+    assert _take(_vehicle(Autopilot.PX4), message) == []

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import STATE_GROUPS, Clone, Layout, Nominal, PadPlace
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.rotation import q_from_euler
 
@@ -37,6 +38,7 @@ def nominal_state() -> Nominal:
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
         keyframe=Clone(np.array([14.0, -2.0, -88.0]), q_from_euler(0.0, -1.5, 0.8)),
         structure_m=np.array([0.4, -1.5, 2.0]),
+        pad=PadPlace(np.array([28.0, -15.0, -75.0]), q_from_euler(0.03, -0.02, 2.1)),
     )
 
 

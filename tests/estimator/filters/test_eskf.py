@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import Clone, Layout, Nominal
 from estimator.filters.strapdown import Motion
 from estimator.geometry.rotation import (
     matrix_from_q,
@@ -31,6 +32,8 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
     assert of.clone is not None
     assert to.keyframe is not None
     assert of.keyframe is not None
+    assert to.pad is not None
+    assert of.pad is not None
     return np.concatenate(
         (
             to.motion.pos_ned_m - of.motion.pos_ned_m,
@@ -51,6 +54,8 @@ def _difference(to: Nominal, of: Nominal) -> np.ndarray:
             to.keyframe.pos_ned_m - of.keyframe.pos_ned_m,
             _turn(to.keyframe.q_ned_from_camera, of.keyframe.q_ned_from_camera),
             to.structure_m - of.structure_m,
+            to.pad.pos_ned_m - of.pad.pos_ned_m,
+            _turn(to.pad.q_ned_from_pad, of.pad.q_ned_from_pad),
         )
     )
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from estimator.filters.eskf import Clone
+from estimator.filters.nominal import Clone
 from tests.estimator.filters.eskf_cases import FULL, quiet_filter
 
 

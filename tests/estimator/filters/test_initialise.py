@@ -3,8 +3,9 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
-from estimator.filters.eskf import STATE_GROUPS, Layout, ProcessNoise
+from estimator.filters.eskf import ProcessNoise
 from estimator.filters.initialise import InitialConditions, InitialGuess, aligned
+from estimator.filters.nominal import STATE_GROUPS, Layout
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import q_from_euler
 from estimator.types import AttitudeSample, BarometerSample, GnssSample, HomeSample

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import STATE_GROUPS, Clone, Layout, Nominal, PadPlace
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.rotation import q_from_euler
 
@@ -19,6 +20,7 @@ def general_filter() -> ErrorStateFilter:
         boresight_rad=np.zeros(3),
         attitude_bias_rad=np.zeros(3),
         clone=Clone(np.array([25.0, -9.0, -89.0]), q_from_euler(0.1, -1.4, 0.9)),
+        pad=PadPlace(np.array([28.0, -10.0, -76.0]), q_from_euler(0.03, -0.02, 2.1)),
     )
     earth = EarthModel.at(np.deg2rad(47.0), 300.0)
     return ErrorStateFilter(nominal, np.eye(LAYOUT.size), LAYOUT, earth, ProcessNoise())

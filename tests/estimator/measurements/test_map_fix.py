@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.filters.eskf import ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import Layout, Nominal
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_rotvec, q_multiply, rotvec_from_q

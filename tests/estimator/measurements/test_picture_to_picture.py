@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.filters.eskf import STATE_GROUPS, Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import STATE_GROUPS, Clone, Layout, Nominal
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Mount
 from estimator.geometry.rotation import q_from_euler, q_from_matrix

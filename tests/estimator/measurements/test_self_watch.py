@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.filters.eskf import STATE_GROUPS, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import STATE_GROUPS, Layout, Nominal
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.integrity.map_evidence import MapEvidence
 from estimator.measurements.barometer import pressure_altitude

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from estimator.filters.eskf import Clone, ErrorStateFilter, Layout, Nominal, ProcessNoise
+from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
+from estimator.filters.nominal import Clone, Layout, Nominal
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
 from estimator.measurements.barometer import pressure_altitude
