@@ -268,6 +268,7 @@ class Navigator:
                     self._search_while_lost(sample)
             case AlignmentSample():
                 report = operator_fix.fuse(self._eskf, sample, self._history)
+                self._watch.place_was_given()
             case _:
                 pass
         if report is not None and report.accepted:
@@ -293,6 +294,7 @@ class Navigator:
         layout = Layout.of(self._groups)
         nominal, P = aligned(first, layout, self._guess, self.config.noise)
         self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
+        self._watch.place_was_given()
         self._t_us = t_us
         self._searching = False
 
