@@ -478,9 +478,7 @@ class Navigator:
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
         seen = self._fix_age_s(t_us) <= self.config.vision_timeout_s or self._on_pad(t_us)
-        if seen and std <= self.config.vision_std_m:
-            return Mode.VISION
-        return Mode.DEAD_RECKONING
+        return Mode.VISION if seen and std <= self.config.vision_std_m else Mode.DEAD_RECKONING
 
     def _has_satellites(self, t_us: int) -> bool:
         return t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied
