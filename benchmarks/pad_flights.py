@@ -83,7 +83,7 @@ def fly(seed: int, ground: Image, camera: Camera, pad: CirclePad, rate_hz: int =
     roll, pitch = rng.normal(0.0, PAD_TILT_STD_RAD, 2)
     ned_from_pad = matrix_from_euler(roll, pitch, rng.uniform(0.0, 2.0 * math.pi))
     body_from_camera = matrix_from_q(q_from_rotvec(rng.normal(0.0, MOUNT_STD_RAD, 3))) @ MOUNT.body_from_camera
-    truth = _flown(seed, pad_ned_m, rng)
+    truth = flown(seed, pad_ned_m, rng)
     last_us = T0_US + round((LOW_S + 0.5) * 1e6)
     every_us = round(1e6 / rate_hz)
     look = Look(motion_px=float(rng.uniform(0.0, 1.5)), motion_rad=float(rng.uniform(0.0, math.pi)))
@@ -100,7 +100,7 @@ def fly(seed: int, ground: Image, camera: Camera, pad: CirclePad, rate_hz: int =
     pictures = compressed(pictures, kbit_s, rate_hz)
     frames = [FrameSample(t_us, number, each) for number, (t_us, each) in enumerate(zip(times, pictures, strict=True))]
     return PadFlight(
-        list(_sensed(seed, truth)), frames, truth, pad_ned_m, ned_from_pad, body_from_camera,
+        list(sensed(seed, truth)), frames, truth, pad_ned_m, ned_from_pad, body_from_camera,
         last_us,
     )  # fmt: skip
 
@@ -112,7 +112,7 @@ def _pose(state: VehicleState, pad_ned_m: Float, ned_from_pad: Float, body_from_
     return PadPose(camera_from_ned @ ned_from_pad, camera_from_ned @ (pad_ned_m - lens))
 
 
-def _flown(seed: int, pad_ned_m: Float, rng: np.random.Generator) -> list[VehicleState]:
+def flown(seed: int, pad_ned_m: Float, rng: np.random.Generator) -> list[VehicleState]:
     """The truth in steps; it follows points beside the pad, then comes down over its centre."""
     heading = float(rng.uniform(-math.pi, math.pi))
     beside = np.column_stack((rng.uniform(-2.0, 2.0, (4, 2)), rng.uniform(-1.0, 1.0, 4)))
@@ -142,7 +142,7 @@ def _wanted(t_s: float, beside: Float) -> Float:
     return above
 
 
-def _sensed(seed: int, truth: list[VehicleState]) -> list[Sample]:
+def sensed(seed: int, truth: list[VehicleState]) -> list[Sample]:
     """What the sensors say at the simulator's rates."""
     sensors = SensorSection()
     unit, barometer = InertialUnit(seed, sensors), Barometer(seed, sensors)

@@ -135,10 +135,10 @@ def measured(
     flips = [_turned_rad(flight, s) > FLIP_RAD for s in at_15m + descent]
     followed = [s.pad is not None and s.pad.age_s <= OUTPUT_US / 1e6 for s in at_15m + descent]
     nees = [float(np.nanmean([_nees(flight, s) for s in states])) for states in (at_15m, descent)]
-    blind = [_blind_m(flight, outcome.shown, after_s) for after_s in (1.0, 5.0)]
+    blind = [blind_m(flight, outcome.shown, after_s) for after_s in (1.0, 5.0)]
     return Fused(
         seed=seed, down_m=_rms(off[:, 2]), across_m=_rms(off[:, :2]), vel_m_s=_rms(np.linalg.norm(vel, axis=1)),
-        lag_ms=1e3 * _lag_s(flight, high, vel), attitude_deg=math.degrees(_rms(turned)),
+        lag_ms=1e3 * lag_s(flight, high, vel), attitude_deg=math.degrees(_rms(turned)),
         attitude_alone_deg=math.degrees(_rms(np.array(alone))), nees_15m=nees[0], nees_descent=nees[1],
         nees_velocity=float(np.mean([_nees_velocity(flight, s) for s in at_15m + descent])), blind_1s_m=blind[0],
         blind_5s_m=blind[1], flips=sum(flips), flips_alone=int(np.sum(np.array(alone + alone_low) > FLIP_RAD)),
@@ -189,7 +189,7 @@ def _alone_rad(flight: PadFlight, camera: Camera, until_s: float, from_s: float 
                 yield _angle_rad(found.best.pose.camera_from_pad, flight.pose_at(frame.t_us).camera_from_pad)
 
 
-def _lag_s(flight: PadFlight, states: Sequence[NavigationState], off: Float) -> float:
+def lag_s(flight: PadFlight, states: Sequence[NavigationState], off: Float) -> float:
     """How late a velocity is whose error (n, 3) is ``off``: what of it is against the acceleration, least squares."""
     half_us = OUTPUT_US
     before, after = ([flight.state_at(s.t_us + by).vel_ned_m_s for s in states] for by in (-half_us, half_us))
@@ -197,7 +197,8 @@ def _lag_s(flight: PadFlight, states: Sequence[NavigationState], off: Float) -> 
     return -float(np.sum(off * acceleration) / np.sum(acceleration**2))
 
 
-def _blind_m(flight: PadFlight, states: Sequence[NavigationState], after_s: float) -> float:
+def blind_m(flight: PadFlight, states: Sequence[NavigationState], after_s: float) -> float:
+    """Error of the relative position so long after the last picture."""
     t_us = flight.last_seen_us + round(after_s * 1e6)
     nearest = min(states, key=lambda state: abs(state.t_us - t_us))
     return float(np.linalg.norm(_off(flight, nearest)))
@@ -221,7 +222,7 @@ def markdown(rows: Sequence[Fused]) -> str:
 
 
 def main(
-    seeds: Annotated[str, typer.Option(help="Flights, FIRST-LAST.")] = "404-411",
+    seeds: Annotated[str, typer.Option(help="Flights, FIRST-LAST.")] = "404-408",
     hd: Annotated[bool, typer.Option("--hd", help="Pictures of 1280x720 instead of 640x480.")] = False,
     rate_hz: Annotated[int, typer.Option(min=5, max=50, help="Pictures a second; a divisor of 200.")] = 20,
     calibrated: Annotated[

@@ -268,6 +268,7 @@ class Navigator:
                     self._search_while_lost(sample)
             case AlignmentSample():
                 report = operator_fix.fuse(self._eskf, sample, self._history)
+                self._watch.place_was_given()
             case _:
                 pass
         if report is not None and report.accepted:
@@ -293,6 +294,7 @@ class Navigator:
         layout = Layout.of(self._groups)
         nominal, P = aligned(first, layout, self._guess, self.config.noise)
         self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
+        self._watch.place_was_given()
         self._t_us = t_us
         self._searching = False
 
@@ -476,9 +478,7 @@ class Navigator:
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
         seen = self._fix_age_s(t_us) <= self.config.vision_timeout_s or self._on_pad(t_us)
-        if seen and std <= self.config.vision_std_m:
-            return Mode.VISION
-        return Mode.DEAD_RECKONING
+        return Mode.VISION if seen and std <= self.config.vision_std_m else Mode.DEAD_RECKONING
 
     def _has_satellites(self, t_us: int) -> bool:
         return t_us - self._last_us["gnss"] <= self.config.gnss_timeout_s * 1e6 and not self.gps_denied

@@ -62,7 +62,7 @@ def baseline() -> NavigatorConfig:
         map_fix=MapFixConfig(
             hand_over=HandOver.DENSITY, couple_attitude=False, temper=False, search_pose=False, use_windows=False,
             max_outlier_probability=1.0, min_unimodality=0.0, max_lost_probability=1.0,
-            max_innovation_sigmas=float("inf"), evidence=None,
+            max_innovation_sigmas=float("inf"), evidence=None, by_probability=False,
         ),
         watch=SelfWatchConfig(enabled=False),
     )  # fmt: skip
@@ -98,7 +98,8 @@ def rungs() -> list[tuple[str, str, NavigatorConfig]]:
     step("+ tempering", "fixes from the same place count less", **fix(temper=True))
     tests = {name: getattr(default.map_fix, name) for name in REFUSALS}
     step("+ refusals", "weak, ambiguous and contradicting pictures are refused", **fix(**tests))
-    step("+ self-doubt", "blind pictures are left out, a contradicted position is widened", watch=default.watch)
+    step("+ probability", "a match counts as far as it is probably right", **fix(by_probability=True))
+    step("+ self-doubt", "blind pictures are left out, a contradicted position is replaced", watch=default.watch)
     step("+ windows (default)", "windows that agree give the whole pose", **fix(use_windows=True))
     return found
 

@@ -18,7 +18,7 @@ from estimator.types import Float
 
 @dataclass(frozen=True, slots=True)
 class DisplacementConfig:
-    """Of the last ``span_s`` seconds and ``most_way_m`` at least ``min_pictures`` over ``min_way_m`` count.
+    """Of the last ``span_s`` seconds at least ``min_pictures`` over ``min_way_m`` count.
 
     A displacement stands where ``min_share`` of them lie within ``near_m`` of their median. It is worth an alarm beyond
     ``least_m``, to which a receiver's own error and a usual map's reach.
@@ -27,7 +27,6 @@ class DisplacementConfig:
     span_s: float = 12.0
     min_pictures: int = 15
     min_way_m: float = 60.0
-    most_way_m: float = float("inf")
     near_m: float = 4.0
     min_share: float = 0.6
     least_m: float = 6.0
@@ -65,7 +64,7 @@ class DisplacementWatch:
         places = np.array([place for _, place, _ in self._seen])
         to_go_m = np.append(np.cumsum(np.hypot(*np.diff(places, axis=0).T)[::-1])[::-1], 0.0)
         since_us = t_us - np.array([t for t, _, _ in self._seen])
-        for _ in range(int(np.sum((since_us > config.span_s * 1e6) | (to_go_m > config.most_way_m)))):
+        for _ in range(int(np.sum(since_us > config.span_s * 1e6))):
             self._seen.popleft()
         if len(self._seen) < config.min_pictures or to_go_m[-len(self._seen)] < config.min_way_m:
             return None

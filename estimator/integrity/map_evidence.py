@@ -21,14 +21,16 @@ class MapEvidenceConfig:
 
     Wald's limits for one error in twenty either way are three; the way back asks for no more than even odds, since
     what stands against the map must have been undone. The sum is held within ``limit_log_odds``, so that a long good
-    flight does not delay the discovery of bad imagery. A picture says no more than ``picture_log_odds``: one alone
-    does not decide.
+    flight does not delay the discovery of bad imagery. A picture says no more than ``picture_log_odds`` against the
+    map: one alone does not decide. For it it may say ``picture_for_log_odds``: what no wrong map shows ends a doubt
+    sooner, and each fix has tests of its own.
     """
 
     against_log_odds: float = 3.0
     for_log_odds: float = 0.0
     limit_log_odds: float = 6.0
     picture_log_odds: float = 2.0
+    picture_for_log_odds: float = 4.0
 
 
 class MapEvidence:
@@ -44,7 +46,7 @@ class MapEvidence:
         """A picture registered at a position (2,); pictures within ``alike_m`` say the same thing."""
         config = self.config
         odds = outlier_probability / max(1.0 - outlier_probability, 1e-9)
-        said = float(np.clip(np.log(max(odds, 1e-9)), -config.picture_log_odds, config.picture_log_odds))
+        said = float(np.clip(np.log(max(odds, 1e-9)), -config.picture_for_log_odds, config.picture_log_odds))
         self.log_odds += self._fresh_share(pos_ne_m, alike_m) * said
         self.log_odds = float(np.clip(self.log_odds, -config.limit_log_odds, config.limit_log_odds))
         if self.log_odds > config.against_log_odds:

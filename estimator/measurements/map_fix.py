@@ -8,103 +8,44 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimator.filters.eskf import ErrorStateFilter
 from estimator.filters.heading_slices import HeadingSlices
-from estimator.filters.point_mass import Moments, PointMassConfig, PointMassFilter, information_increment
-from estimator.integrity.map_evidence import MapEvidence, MapEvidenceConfig
+from estimator.filters.point_mass import Moments, PointMassFilter, information_increment
+from estimator.integrity.map_evidence import MapEvidence
 from estimator.measurements import terrain_fix
 from estimator.measurements.camera_attitude import CameraAttitude
 from estimator.measurements.innovation import Innovation
-from estimator.measurements.sliding_window import SlidingWindow, SlidingWindowConfig
+from estimator.measurements.map_fix_config import Acceptance, HandOver, MapFixConfig
+from estimator.measurements.sliding_window import SlidingWindow
 from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
 from estimator.registration.likelihood import likelihood, likelihoods
 from estimator.registration.refine import Refinement
 from estimator.types import FixReport, Float, FrameSample
 
+__all__ = ["Acceptance", "HandOver", "MapFixConfig", "MapFixer", "PictureSays"]
 UNKNOWN_NE = np.full(2, np.nan)
+LEAST_RIGHT = 0.02
+"""Probability of being right that every match keeps: their calibration tells no less."""
 MIN_CONTRAST = 1.2  # of a likelihood of mean one; that of a picture of noise reaches three and more
 """Likelihood's largest value below which a picture of nothing (fog, a cap) is no fix."""
 UNKNOWN_COV = np.full((2, 2), np.nan)
 
 
-class HandOver(StrEnum):
-    """What the inertial filter is given of a density.
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureSays:
+    """What a picture says of places: likelihood (rows, cols), of mean one, of displacements from the estimate.
 
-    ``increment`` is what the picture added. ``density`` is the density's mean with a constant sigma, and the density
-    lives on (Conte 2009, section 5.8.4): for comparison.
+    The first entry lies at (``north_max_m``, ``east_min_m``). ``fresh`` is the share that the last had not said.
     """
 
-    INCREMENT = "increment"
-    DENSITY = "density"
-
-
-class Acceptance(StrEnum):
-    """What makes a fix of a match: the tests of one picture and the density, or the scatter of many (2008)."""
-
-    VERIFIED = "verified"
-    SLIDING_WINDOW = "sliding_window"
-
-
-@dataclass(frozen=True, slots=True)
-class MapFixConfig:
-    """Search and acceptance of map fixes.
-
-    ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
-    alike, ``ambiguity_share`` that over which pictures confuse the same places; ``min_weight`` what a fix from the
-    same place still counts. ``noise_inflation`` multiplies the windows' own sigma (neighbours err alike),
-    ``density_inflation`` that of the density, ``slices_inflation`` that of one for each heading. Of the variance
-    ``white_share`` is each picture's own, ``regional_share`` the region's, and the rest alike over ``local_share`` of
-    the footprint; either displacement is between ``min_map_bias_m`` and ``max_map_bias_m`` and follows the pictures by
-    its memory. An axis on which a picture tells less than ``least_information`` of what is known is left out. Windows
-    count where ``min_agreement`` of them agree. From a heading sigma of ``slice_heading_rad`` on, the density is kept
-    for each heading that is tried. ADR 0008 and 0015 say how the numbers were found.
-
-    Switches for comparisons: ``hand_over`` with ``constant_std_m``; ``couple_attitude`` off leaves the Jacobian of the
-    horizontal position alone, H = [I 0 0]; ``temper`` off counts every fix in full; ``search_pose`` off tries the
-    predicted heading and height only; ``use_windows`` off leaves the density; ``evidence`` None believes every map.
-    ``acceptance`` by the sliding window has neither density nor windows.
-    """
-
-    search_sigmas: float = 3.5
-    min_search_m: float = 10.0
-    max_search_m: float = 160.0
-    correlation_share: float = 0.4
-    min_weight: float = 0.03
-    ambiguity_share: float = 0.12
-    noise_inflation: float = 3.0
-    density_inflation: float = 0.8
-    slices_inflation: float = 1.25
-    white_share: float = 0.07
-    regional_share: float = 0.42
-    local_share: float = 1.0
-    least_information: float = 0.01
-    min_agreement: float = 0.4
-    max_innovation_sigmas: float = 6.0
-    map_bias_memory: float = 0.9
-    map_region_memory: float = 0.95
-    min_map_bias_m: float = 0.05
-    max_map_bias_m: float = 2.0
-    max_outlier_probability: float = 0.99
-    min_unimodality: float = 0.9
-    max_lost_probability: float = 0.5
-    heading_floor_rad: float = 0.01
-    scale_floor: float = 0.03
-    slice_heading_rad: float = float("inf")
-    point_mass: PointMassConfig = field(default_factory=PointMassConfig)
-    acceptance: Acceptance = Acceptance.VERIFIED
-    sliding_window: SlidingWindowConfig = field(default_factory=SlidingWindowConfig)
-    hand_over: HandOver = HandOver.INCREMENT
-    constant_std_m: float = 2.0
-    couple_attitude: bool = True
-    temper: bool = True
-    search_pose: bool = True
-    use_windows: bool = True
-    evidence: MapEvidenceConfig | None = field(default_factory=MapEvidenceConfig)
+    likelihood: Float
+    north_max_m: float
+    east_min_m: float
+    fresh: float
 
 
 class MapFixer:
@@ -126,6 +67,7 @@ class MapFixer:
         self._last_pos_ne_m = UNKNOWN_NE
         self._last_t_us = 0
         self._last_accepted_ne_m = UNKNOWN_NE
+        self._seen: tuple[Match, float] | None = None
         self.rejected_in_row = 0
         self.least_reach_m = 0.0
         self.evidence = MapEvidence(self.config.evidence)
@@ -140,6 +82,15 @@ class MapFixer:
         """Probability that the vehicle is not where the density looks."""
         return self._density.lost_probability if self._density is not None else 0.0
 
+    def last_picture(self, cell_m: float) -> PictureSays | None:
+        """What the last picture said, on a grid of ``cell_m``; None where it did not match anything."""
+        if self._seen is None:
+            return None
+        match, fresh = self._seen
+        calibration = self._registrar.calibration.likelihood
+        judged = match.peak, calibration, match.outlier_probability, cell_m, fresh
+        return PictureSays(*likelihood(match.correlation, *judged), fresh)
+
     def begin_anew(self) -> None:
         """Drop what earlier pictures said of place and map: it was against another position of the map."""
         self._density = None
@@ -152,6 +103,7 @@ class MapFixer:
     ) -> FixReport:  # fmt: skip
         """Register a grey picture and update the filter with what it adds."""
         started = self._clock_s()
+        self._seen = None
         pose = CameraPose(terrain_fix.apparent_pose(eskf, camera_pos_ned_m), camera.ned_from_camera)
         axis = camera.ned_from_camera[:, 2]
         height_m = ground_down_m - camera_pos_ned_m[2]
@@ -229,7 +181,9 @@ class MapFixer:
         prior = self._prior(eskf, camera, density, H, predicted_ne)
         # a refused picture stays in the density: the next from the same place tells it nothing new
         confused_m = self.config.ambiguity_share * match.footprint_m
-        told = 1.0 if fresh else self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
+        unsaid = self._weight(predicted_ne, self._last_pos_ne_m, confused_m)
+        self._seen = match, unsaid
+        told = 1.0 if fresh else unsaid
         if not self._look(density, match, predicted_ne, told) and fresh:
             self._density = None
             self.rejected_in_row += 1
@@ -288,13 +242,15 @@ class MapFixer:
     ) -> str | None:  # fmt: skip
         """Hand what the picture adds to the inertial filter; why not, where it does not fit."""
         config = self.config
+        doubt = self._doubt(match)
         if refinement is None or refinement.agreement < config.min_agreement:
             return self._update_by_density(match, eskf, camera, pose, T, weight, prior, posterior)
         J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
         information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
-        cov_ne_m2 = np.asarray(np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
+        cov_ne_m2 = np.asarray(doubt * np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
         self._follow_map(eskf, config.noise_inflation**2 * cov_ne_m2, match.footprint_m)
-        own = terrain_fix.PoseNoise(config.noise_inflation * np.sqrt(config.white_share), config.noise_inflation)
+        inflation = config.noise_inflation * np.sqrt(doubt)
+        own = terrain_fix.PoseNoise(inflation * np.sqrt(config.white_share), inflation)
         noise = replace(own, shape=own.shape / np.sqrt(weight))
         innovation = terrain_fix.pose(refinement, T, match.centre_ned_m, pose.pos_ned_m, noise, own)
         if innovation is None:
@@ -318,7 +274,8 @@ class MapFixer:
             return "the picture says nothing of the position"
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted = eskf.nominal.motion.pos_ned_m[:2]
-        cov_ne_m2 = increment.cov_ne_m2 * (config.slices_inflation if sliced else config.density_inflation) ** 2
+        inflation = config.slices_inflation if sliced else config.density_inflation
+        cov_ne_m2 = increment.cov_ne_m2 * (inflation**2 * self._doubt(match))
         self._follow_map(eskf, cov_ne_m2[:2, :2], match.footprint_m)
         R, R_one = (self._noise(eskf, cov_ne_m2[:2, :2], counts) for counts in (weight, 1.0))
         if sliced:
@@ -334,6 +291,10 @@ class MapFixer:
             return "does not agree with the estimate"
         self._update_heading_and_height(match, eskf, camera, pose.pos_ned_m, weight, heading=not sliced)
         return None
+
+    def _doubt(self, match: Match) -> float:
+        """How many times as large the variance of a match is because it may be wrong."""
+        return 1.0 / max(1.0 - match.outlier_probability, LEAST_RIGHT) if self.config.by_probability else 1.0
 
     def _with_heading_noise(self, R: Float, cov: Float, weight: float, lever_m: float) -> Float:
         """Covariance (3, 3) of a fix with heading: correlated as ``cov`` (3, 3), its place as large as R (2, 2)."""

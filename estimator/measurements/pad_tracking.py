@@ -102,6 +102,13 @@ class PadTracker:
         ``camera_now`` gives the camera's attitude and position by the filter as it stands, ``apply`` fuses an
         innovation under a name with a gate in sigmas and says whether it was accepted.
         """
+        rows, cols = image.shape
+        if (cols, rows) != (self._camera.width_px, self._camera.height_px):
+            size = f"{self._camera.width_px} x {self._camera.height_px}"
+            self._status = replace(
+                self._status, reason=f"the picture is {cols} x {rows} px, the camera's are {size} px"
+            )
+            return False
         if self._repeats.last(image):
             self._status = replace(self._status, reason="the picture repeats the last one")
             return False

@@ -11,6 +11,7 @@ from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.rotation import matrix_from_q
 from estimator.integrity.displacement import DisplacementConfig, DisplacementWatch
 from estimator.integrity.picture import shows_ground
+from estimator.integrity.second_opinion import SecondOpinion, SecondOpinionConfig
 from estimator.integrity.steady import SteadyConfig, SteadyInnovations
 from estimator.integrity.zero import WanderingZero, ZeroConfig
 from estimator.measurements.innovation import Innovation
@@ -22,22 +23,20 @@ from estimator.types import Doubt, FixReport, Float, FrameSample, Image
 class SelfWatchConfig:
     """``enabled`` off takes every picture and doubts nothing.
 
-    ``contradiction_sigmas`` is how far matches that agree with one another may lie from the estimate before it is
-    widened; ``contradiction`` asks them over more than a footprint of ground, as over the same they err alike. From
-    ``displaced_sigmas`` on it is rather the map, or what looks alike, that lies elsewhere. After ``wide_after`` refused
-    pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced map is looked for.
+    A second opinion more than ``contradiction_sigmas`` of its own from the estimate replaces it. From
+    ``displaced_sigmas`` of the estimate's on it is rather the map, or what looks alike, that lies elsewhere. After
+    ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
+    map is looked for.
     """
 
     enabled: bool = True
     displacement: DisplacementConfig = field(default_factory=DisplacementConfig)
-    contradiction: DisplacementConfig = field(
-        default_factory=lambda: DisplacementConfig(span_s=60.0, min_way_m=120.0, most_way_m=130.0)
-    )
+    opinion: SecondOpinionConfig = field(default_factory=SecondOpinionConfig)
     steady: SteadyConfig = field(default_factory=SteadyConfig)
     zero: ZeroConfig = field(default_factory=ZeroConfig)
     pressure_gain: float = 5.0
     level_rad: float = 0.35
-    contradiction_sigmas: float = 3.0
+    contradiction_sigmas: float = 2.5
     displaced_sigmas: float = 7.0
     wide_after: int = 5
     wide_reach_m: float = 40.0
@@ -64,7 +63,8 @@ class SelfWatch:
         self._map_agreed = False
         self._learned: _Learned | None = None
         self._by_satellites = DisplacementWatch(config.displacement)
-        self._by_itself = DisplacementWatch(config.contradiction)
+        self._opinion = SecondOpinion(config.opinion)
+        self._opinion_ne_m = np.zeros(2)
         self._pressure = SteadyInnovations(config.steady)
         self._pressure_zero = WanderingZero(config.zero)
         self._t_us = 0
@@ -101,14 +101,23 @@ class SelfWatch:
         wide = self.config.enabled and by_satellites and fixer.rejected_in_row >= self.config.wide_after
         fixer.least_reach_m = self.config.wide_reach_m if wide else 0.0
         pos_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
-        std_m = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+        cov_ne_m2 = eskf.cov("position")[:2, :2]
         report = fix()
-        if self.config.enabled:
-            self._forget_with_the_way(eskf, pos_ne_m)
+        if not self.config.enabled:
+            return report
+        self._forget_with_the_way(eskf, pos_ne_m)
+        if by_satellites:
+            self._opinion.forget()
             displacement_ne_m = np.array([report.north_m, report.east_m]) - pos_ne_m
-            against = self._against_satellites if by_satellites else self._against_estimate
-            against(fixer, eskf, frame.t_us, pos_ne_m, displacement_ne_m, std_m)
+            std_m = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
+            self._against_satellites(fixer, eskf, frame.t_us, pos_ne_m, displacement_ne_m, std_m)
+        else:
+            self._against_estimate(fixer, eskf, pos_ne_m, cov_ne_m2)
         return report
+
+    def place_was_given(self) -> None:
+        """The estimate has been put elsewhere, by the operator or a search: what was thought before is void."""
+        self._opinion.forget()
 
     def _against_satellites(
         self, fixer: MapFixer, eskf: ErrorStateFilter, t_us: int, pos_ne_m: Float, displacement_ne_m: Float,
@@ -154,23 +163,38 @@ class SelfWatch:
         eskf.inflate("map_offset", grown_m * (2.0 * std_m + grown_m))
         learned.last_ne_m = pos_ne_m
 
-    def _against_estimate(
-        self, fixer: MapFixer, eskf: ErrorStateFilter, t_us: int, pos_ne_m: Float, displacement_ne_m: Float,
-        std_m: float,
-    ) -> None:  # fmt: skip
-        """Doubt a position, or the map, that matches over different ground contradict with one voice."""
-        standing = self._by_itself.add(t_us, pos_ne_m, displacement_ne_m)
-        if standing is None:
+    def _against_estimate(self, fixer: MapFixer, eskf: ErrorStateFilter, pos_ne_m: Float, cov_ne_m2: Float) -> None:
+        """Replace a position, or doubt the map, that all pictures together contradict.
+
+        ``pos_ne_m`` (2,) and ``cov_ne_m2`` (2, 2) are the estimate's from before the picture.
+        """
+        opinion, config = self._opinion, self.config
+        if not opinion.begun:
+            opinion.begin(cov_ne_m2)
+            self._opinion_ne_m = pos_ne_m
+        says = fixer.last_picture(config.opinion.cell_m)
+        if says is None:
             return
-        config = self.config
-        far = standing.size_m > max(config.contradiction.least_m, config.contradiction_sigmas * std_m)
-        displaced = far and standing.size_m > config.displaced_sigmas * std_m
-        self._map_offset_m = standing.size_m if displaced else 0.0
-        if far and not displaced:
-            # of two places as likely as each other
-            eskf.doubt_place(0.25 * np.outer(standing.displacement_ne_m, standing.displacement_ne_m))
-            self._by_itself.forget()
+        way_m = float(np.hypot(*(pos_ne_m - self._opinion_ne_m)))
+        opinion.see(says.likelihood, says.north_max_m, says.east_min_m, says.fresh, way_m)
+        self._opinion_follows(eskf, pos_ne_m)
+        found = opinion.opinion()
+        far = found is not None and found.sigmas > config.contradiction_sigmas
+        std_m = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+        displaced = found is not None and far and found.size_m > config.displaced_sigmas * std_m
+        self._map_offset_m = found.size_m if found is not None and displaced else 0.0
+        if found is not None and far and not displaced:
+            before_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
+            # what the filter knew counts for little against it, however small its sigma had become
+            eskf.doubt_place(found.cov_ne_m2 + np.outer(found.displacement_ne_m, found.displacement_ne_m))
+            H = eskf.layout.jacobian(2, position=np.eye(2, 3))
+            eskf.update(found.displacement_ne_m, H, found.cov_ne_m2, what="second_opinion")
             fixer.begin_anew()
+            self._opinion_follows(eskf, before_ne_m)
+
+    def _opinion_follows(self, eskf: ErrorStateFilter, before_ne_m: Float) -> None:
+        self._opinion_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
+        self._opinion.corrected(self._opinion_ne_m - before_ne_m)
 
     def doubts(self, eskf: ErrorStateFilter, fixer: MapFixer | None) -> tuple[Doubt, ...]:
         """Those that stand."""

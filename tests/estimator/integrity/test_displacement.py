@@ -69,22 +69,3 @@ def test_it_begins_anew() -> None:
     watch.forget()
 
     assert watch.add(round(4e5 * 41), np.array([205.0, 0.0]), OFFSET) is None
-
-
-@pytest.mark.parametrize(("step_m", "interval_s", "stands"), [(5.0, 0.4, True), (1.2, 0.4, True), (1.2, 2.0, False)])
-def test_a_slow_aircraft_is_asked_over_as_much_ground_as_a_fast_one(
-    step_m: float, interval_s: float, stands: bool
-) -> None:
-    """
-    Matches agree for the last 130 m and lay elsewhere before; 110 pictures over them at 3 m/s.
-
-    Unless it takes longer than a minute to come so far.
-    """
-    config = DisplacementConfig(span_s=60.0, min_way_m=120.0, most_way_m=130.0)
-    before, after = around(np.zeros(2), 0.0), around(OFFSET, 0.0, count=round(130.0 / step_m) + 1)
-
-    standing = watched(np.concatenate((before, after)), step_m, interval_s, config)
-
-    assert (standing is not None) == stands
-    if standing is not None:
-        assert_allclose(standing.displacement_ne_m, OFFSET, atol=0.5)

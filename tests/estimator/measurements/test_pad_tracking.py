@@ -166,6 +166,12 @@ def test_a_picture_that_repeats_the_last_is_not_used() -> None:
     assert "repeats" in flight.tracker.relative(flight.eskf, flight.t_us).reason
 
 
+def test_a_picture_of_another_size_is_refused_with_the_reason() -> None:
+    flight = Flight()
+    assert not flight.see(PICTURES[0][:240, :320])
+    assert "320 x 240" in flight.tracker.relative(flight.eskf, flight.t_us).reason
+
+
 def test_ground_without_a_pad_is_refused_with_the_reason() -> None:
     flight = Flight()
     assert not flight.see(_drawn(None)(1))
