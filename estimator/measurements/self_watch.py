@@ -169,6 +169,10 @@ class SelfWatch:
         ``pos_ne_m`` (2,) and ``cov_ne_m2`` (2, 2) are the estimate's from before the picture.
         """
         opinion, config = self._opinion, self.config
+        if 3.0 * np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]) > config.opinion.half_extent_m:
+            # the place may be off the grid, and what looks alike on it would be taken for it
+            opinion.forget()
+            return
         if not opinion.begun:
             opinion.begin(cov_ne_m2)
             self._opinion_ne_m = pos_ne_m

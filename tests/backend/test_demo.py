@@ -23,7 +23,7 @@ def test_free_ports_are_different_and_free() -> None:
 
 def test_a_simulator_that_fails_is_told_in_its_own_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failing = [sys.executable, "-c", "import sys; sys.exit('no such world')"]
-    monkeypatch.setattr(demo, "simulator_command", lambda *_: failing)
+    monkeypatch.setattr(demo, "simulator_command", lambda *_, **__: failing)
 
     with pytest.raises(StartError, match="no such world"):
         demo.prepare_world(tmp_path / "world", 1, MapLibrary(tmp_path / "maps"))

@@ -150,6 +150,17 @@ def test_without_satellites_pictures_that_contradict_the_estimate_together_repla
     assert_allclose(eskf.nominal.map_offset_ne_m, 0.0)
 
 
+def test_a_place_that_is_hardly_known_is_not_replaced_by_what_looks_alike_near_by() -> None:
+    """Known to 50 m, more than the second opinion reaches: what matches 20 m off may be anything."""
+    watch, eskf, fixer = SelfWatch(SelfWatchConfig()), new_filter(), Fixer()
+    eskf.inflate("position", 50.0**2 - STD_M**2)
+
+    assert fly(watch, eskf, SHIFT, by_satellites=False, fixer=fixer) == ()
+
+    assert fixer.begun_anew == 0
+    assert np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[0]) == pytest.approx(50.0)
+
+
 def test_a_place_that_was_given_is_not_taken_back() -> None:
     """The operator says that it is 20 m away; pictures of then and of now agree with him."""
     watch, eskf, fixer = SelfWatch(SelfWatchConfig()), new_filter(), Fixer()
