@@ -21,6 +21,8 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from backend.link.events import SampleEvent
+from backend.link.gimbals import pitch_yaw
+from backend.link.landing_target import velocity_set_point
 from backend.link.link import VehicleLink
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
 from estimator.geometry.rotation import euler_from_q, matrix_from_q
@@ -43,7 +45,7 @@ PICTURES_PER_S = 20.0
 PICTURES_FROM_S, GIVE_UP_S = 6.0, 240.0
 FOLLOWED_S = 1.5
 """So long must the pad be followed before the landing is begun."""
-STATION = (255, 190)
+STATION, AUTOPILOT = (255, 190), 1
 WIND_M_S, GUST_SHARE = 6.0, 0.35
 
 
@@ -195,16 +197,11 @@ class ClosedLoop:
             self.guidance, self.began, self.began_us = LandingGuidance(), self.simulation.state, self.now_us
             self._order(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(FlightMode.GUIDED))
         self.command = self.guidance.step(self.now_us, pad)
-        self._send(
-            mavlink.MAVLink_set_position_target_local_ned_message(
-                *(0, self.scenario.system_id, 1, mavlink.MAV_FRAME_LOCAL_NED, 0x0DC7, 0.0, 0.0, 0.0),
-                *(*self.command.vel_ned_m_s.tolist(), 0.0, 0.0, 0.0, 0.0, 0.0),
-            )
-        )
+        self._send(velocity_set_point(self.scenario.system_id, AUTOPILOT, self.command.vel_ned_m_s))
 
     def _order(self, command: int, *parameters: float) -> None:
         padded = [*parameters, *([0.0] * (7 - len(parameters)))]
-        self._send(mavlink.MAVLink_command_long_message(self.scenario.system_id, 1, command, 0, *padded))
+        self._send(mavlink.MAVLink_command_long_message(self.scenario.system_id, AUTOPILOT, command, 0, *padded))
 
     def _point(self, pan_tilt: PanTilt, state: NavigationState | None) -> None:
         if self.simulation.elapsed_us == GUIDANCE_US:
@@ -216,12 +213,7 @@ class ClosedLoop:
             target = -state.pad.pos_ned_m - matrix_from_q(state.q_ned_from_body) @ self._lever
         heading = float(euler_from_q(state.q_ned_from_body)[2])
         angles = pan_tilt.step(self.now_us, heading, target)
-        flags = mavlink.GIMBAL_MANAGER_FLAGS_YAW_IN_VEHICLE_FRAME
-        self._send(
-            mavlink.MAVLink_gimbal_manager_set_pitchyaw_message(
-                *(self.scenario.system_id, 1, flags, 0, angles.pitch_rad, angles.yaw_rad, math.nan, math.nan)
-            )
-        )
+        self._send(pitch_yaw(self.scenario.system_id, AUTOPILOT, angles.pitch_rad, angles.yaw_rad))
 
     def off_m(self, state: VehicleState) -> float:
         """How far beside the pad's centre the vehicle is."""

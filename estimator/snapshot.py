@@ -10,6 +10,7 @@ from estimator.filters.eskf import ErrorStateFilter
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_matrix, skew
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
+from estimator.robust import largest_std
 from estimator.types import Doubt, Float, Mode, NavigationState, PadRelative, VideoOffset
 
 
@@ -82,4 +83,4 @@ def carried_on(state: NavigationState, dt_s: float) -> NavigationState:
 
 def horizontal_std_m(eskf: ErrorStateFilter) -> float:
     """The longest semi-axis of the horizontal position's one-sigma ellipse."""
-    return float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
+    return largest_std(eskf.cov("position")[:2, :2])

@@ -6,7 +6,9 @@ may stand where a survey puts the pad's centre: ``lat_deg``, ``lon_deg``, ``alt_
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -43,21 +45,29 @@ def pad_of_flight(folder: FlightFolder) -> FlightPad | None:
     section = folder.meta.pad
     if not section:
         return None
-    path = folder.path / "flight.json"
+    pad = pad_of_section(section, folder.path / "flight.json", lambda name: folder.named("pad.file", name))
     placed = {key: section[key] for key in SURVEY_FIELDS if section.get(key) is not None}
+    return FlightPad(pad, _survey(placed, folder))
+
+
+def pad_of_section(section: dict[str, Any], path: Path, named: Callable[[str], Path | None]) -> Pad:
+    """The pad that a ``pad`` section in the file ``path`` describes; ``named`` finds the file that it may name instead.
+
+    `PadFileError` says what is wrong with it. Where a survey has the pad is not looked at.
+    """
     described = {key: value for key, value in section.items() if key not in SURVEY_FIELDS}
     if "file" not in described:
-        return FlightPad(pad_from(described, path), _survey(placed, folder))
+        return pad_from(described, path)
     others = sorted(set(described) - {"file"})
     if others:
         remedy = "give either the file's name or the description itself"
         raise PadFileError(path, f"has both 'file' and {', '.join(map(repr, others))}", remedy, field="pad")
     if not isinstance(described["file"], str):
         raise PadFileError(path, f"is no file name: {described['file']!r:.60}", "name a file", field="pad.file")
-    file = folder.named("pad.file", described["file"])
+    file = named(described["file"])
     if file is None:
         raise PadFileError(path, "is empty", "name the description's file, or leave out pad", field="pad.file")
-    return FlightPad(read_pad(file), _survey(placed, folder))
+    return read_pad(file)
 
 
 def _survey(placed: dict[str, Any], folder: FlightFolder) -> PadSurvey | None:

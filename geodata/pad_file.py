@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from estimator.errors import GeometryError
 from estimator.landing.pad import CirclePad, Pad, Tag, TagPad, Triple
 from geodata.errors import PadFileError
+from geodata.flight_write import write_atomically
 
 SCHEMA = "pilotage.pad/1"
 _MAX_BYTES = 1_000_000
@@ -74,8 +75,8 @@ def as_description(pad: Pad) -> dict[str, Any]:
 
 
 def write_pad(path: Path, pad: Pad) -> None:
-    """Write a pad's description."""
-    path.write_text(json.dumps(as_description(pad), indent=1) + "\n", encoding="utf-8")
+    """Write a pad's description, wholly or not at all."""
+    write_atomically(path, (json.dumps(as_description(pad), indent=1) + "\n").encode())
 
 
 def read_pad(path: Path) -> Pad:

@@ -21,6 +21,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from estimator.robust import largest_std
 from estimator.types import Float, PadMode, PadRelative
 
 _ACROSS = np.array((1.0, 1.0, 0.2))
@@ -200,7 +201,7 @@ class LandingGuidance:
 
     def _give_up(self, t_us: int, pad: PadRelative) -> None:
         config = self.config
-        std_m = float(np.sqrt(np.linalg.eigvalsh(pad.cov_pos_ned_m2[:2, :2])[-1]))
+        std_m = largest_std(pad.cov_pos_ned_m2[:2, :2])
         if pad.mode is PadMode.LOST or pad.age_s > config.lost_after_s:
             self.abort(
                 f"the pad was lost above {config.decision_height_m:g} m" + (f": {pad.reason}" * bool(pad.reason))

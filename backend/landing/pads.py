@@ -8,8 +8,8 @@ from pathlib import Path
 from backend.errors import StartError
 from estimator.landing.pad import Pad
 from geodata.errors import PadFileError
-from geodata.flight_pad import SURVEY_FIELDS
-from geodata.pad_file import as_description, pad_from, read_pad
+from geodata.flight_pad import pad_of_section
+from geodata.pad_file import pad_from, read_pad, write_pad
 
 FILE_NAME = "pad.json"
 UPLOADED = Path("the pad's description")
@@ -43,9 +43,7 @@ class Pads:
         """Take a description and keep it. PadFileError says what is wrong with it, OSError that it cannot be kept."""
         pad = pad_from(description, UPLOADED)
         self._kept.parent.mkdir(parents=True, exist_ok=True)
-        unfinished = self._kept.with_suffix(".part")
-        unfinished.write_text(json.dumps(as_description(pad), indent=1) + "\n", encoding="utf-8")
-        unfinished.replace(self._kept)
+        write_pad(self._kept, pad)
         self.pad = pad
         return pad
 
@@ -62,7 +60,4 @@ def _of_camera_file(path: Path) -> Pad | None:
         return None
     if not isinstance(section, dict):
         raise PadFileError(path, f"is no object: {section!r:.60}", "leave it out, or describe a pad", field="pad")
-    described = {key: value for key, value in section.items() if key not in SURVEY_FIELDS}
-    if set(described) == {"file"}:
-        return read_pad(path.parent / str(described["file"]))
-    return pad_from(described, path)
+    return pad_of_section(section, path, lambda name: path.parent / name)

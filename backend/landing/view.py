@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from backend.video.jpeg import encode_jpeg
 from estimator.geometry.camera import Camera
 from estimator.landing.pad import Pad, TagPad
 from estimator.landing.pose import PadPose
@@ -17,6 +18,7 @@ from estimator.types import Float, FrameSample, PadSeen
 
 PICTURES_KEPT = 60  # the estimator tells of the pad in a picture when it has passed it, a second later or so
 SIDE_PX = 320
+JPEG_QUALITY = 85
 _MARGIN = 1.25
 _RING_POINTS = 20
 _NOT_SEEN = 40  # grey of what lies outside the picture
@@ -69,11 +71,8 @@ def pad_view(picture: FrameSample, seen: PadSeen, camera: Camera, pad: Pad, side
         np.asarray(picture.image), uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
         borderValue=_NOT_SEEN,
     )  # fmt: skip
-    done, data = cv2.imencode(".jpg", warped, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    if not done:
-        message = f"picture {picture.frame_id} of shape {picture.image.shape} cannot be written as JPEG"
-        raise ValueError(message)
-    return PadView(seen.frame_id, seen.t_us, side_m, data.tobytes())
+    jpeg = encode_jpeg(np.asarray(warped, np.uint8), JPEG_QUALITY)
+    return PadView(seen.frame_id, seen.t_us, side_m, jpeg)
 
 
 def view_side_m(seen: PadSeen, camera: Camera, pad: Pad) -> float:

@@ -14,6 +14,7 @@ from backend.refining.later import Hindsight
 from backend.targeting import scene_of
 from estimator.errors import GeometryError
 from estimator.registration.alignment import NoMatch
+from estimator.robust import largest_std
 from estimator.sighting import locate_click
 from estimator.types import NavigationState
 
@@ -42,7 +43,7 @@ def corrected_state(sighting: Sighting, known: Hindsight) -> NavigationState | N
     if new is None:
         return None
     moved_m = float(np.linalg.norm(new.pos_ned_m - old.pos_ned_m))
-    std_m = float(np.sqrt(np.linalg.eigvalsh(old.cov_pos_ned_m2[:2, :2])[-1]))
+    std_m = largest_std(old.cov_pos_ned_m2[:2, :2])
     return new if moved_m > max(min(MOVED_SIGMAS * std_m, MOVED_M), LEAST_MOVED_M) else None
 
 

@@ -24,6 +24,7 @@ from estimator.measurements.sliding_window import SlidingWindow
 from estimator.registration.alignment import CameraPose, Match, NoMatch, Registrar
 from estimator.registration.likelihood import likelihood, likelihoods
 from estimator.registration.refine import Refinement
+from estimator.robust import largest_std
 from estimator.types import FixReport, Float, FrameSample
 
 __all__ = ["Acceptance", "HandOver", "MapFixConfig", "MapFixer", "PictureSays"]
@@ -145,10 +146,10 @@ class MapFixer:
         return self._report(frame, started, None, match, measured_ne, posterior)
 
     def _search_radius_m(self, cov_ne_m2: Float) -> float:
-        std = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
+        std = largest_std(cov_ne_m2)
         if self._density is not None:
             moments = self._density.moments()
-            std = max(std, float(np.sqrt(np.linalg.eigvalsh(moments.cov_ne_m2[:2, :2])[-1])))
+            std = max(std, largest_std(moments.cov_ne_m2[:2, :2]))
         config = self.config
         reach_m = max(config.search_sigmas * std + config.min_search_m, self.least_reach_m)
         return float(np.clip(reach_m, 0.0, config.max_search_m))

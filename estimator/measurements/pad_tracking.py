@@ -18,6 +18,7 @@ from estimator.landing.tags import detect_tags
 from estimator.measurements.camera_attitude import CameraAttitude, camera_rotation_jacobian
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.pad_fix import PadNoise, by_states, foreseen, innovation, place
+from estimator.robust import largest_std
 from estimator.types import Float, Image, PadMode, PadRelative, PadSeen
 
 KIND = "pad"
@@ -215,7 +216,7 @@ class PadTracker:
         age_s = max(t_us - status.used_us, 0) / 1e6
         behind_s = 0.0 if looked_to_us is None else (t_us - looked_to_us) / 1e6
         unseen_s = age_s - min(max(behind_s, 0.0), self.config.behind_s)
-        mode = self._mode(unseen_s, float(np.sqrt(np.linalg.eigvalsh(cov)[-1])))
+        mode = self._mode(unseen_s, largest_std(cov))
         return PadRelative(
             mode, motion.pos_ned_m - pad.pos_ned_m, vel, cov, cov_vel, pad.q_ned_from_pad.copy(), age_s,
             status.reason, status.seen,

@@ -16,6 +16,7 @@ from estimator.integrity.steady import SteadyConfig, SteadyInnovations
 from estimator.integrity.zero import WanderingZero, ZeroConfig
 from estimator.measurements.innovation import Innovation
 from estimator.measurements.map_fix import MapFixer
+from estimator.robust import largest_std
 from estimator.types import Doubt, FixReport, Float, FrameSample, Image
 
 
@@ -109,7 +110,7 @@ class SelfWatch:
         if by_satellites:
             self._opinion.forget()
             displacement_ne_m = np.array([report.north_m, report.east_m]) - pos_ne_m
-            std_m = float(np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]))
+            std_m = largest_std(cov_ne_m2)
             self._against_satellites(fixer, eskf, frame.t_us, pos_ne_m, displacement_ne_m, std_m)
         else:
             self._against_estimate(fixer, eskf, pos_ne_m, cov_ne_m2)
@@ -169,7 +170,7 @@ class SelfWatch:
         ``pos_ne_m`` (2,) and ``cov_ne_m2`` (2, 2) are the estimate's from before the picture.
         """
         opinion, config = self._opinion, self.config
-        if 3.0 * np.sqrt(np.linalg.eigvalsh(cov_ne_m2)[-1]) > config.opinion.half_extent_m:
+        if 3.0 * largest_std(cov_ne_m2) > config.opinion.half_extent_m:
             # the place may be off the grid, and what looks alike on it would be taken for it
             opinion.forget()
             return
@@ -183,11 +184,13 @@ class SelfWatch:
         opinion.see(says.likelihood, says.north_max_m, says.east_min_m, says.fresh, way_m)
         self._opinion_follows(eskf, pos_ne_m)
         found = opinion.opinion()
-        far = found is not None and found.sigmas > config.contradiction_sigmas
-        std_m = float(np.sqrt(np.linalg.eigvalsh(eskf.cov("position")[:2, :2])[-1]))
-        displaced = found is not None and far and found.size_m > config.displaced_sigmas * std_m
-        self._map_offset_m = found.size_m if found is not None and displaced else 0.0
-        if found is not None and far and not displaced:
+        if found is None:
+            return
+        far = found.sigmas > config.contradiction_sigmas
+        std_m = largest_std(eskf.cov("position")[:2, :2])
+        displaced = far and found.size_m > config.displaced_sigmas * std_m
+        self._map_offset_m = found.size_m if displaced else 0.0
+        if far and not displaced:
             before_ne_m = eskf.nominal.motion.pos_ned_m[:2].copy()
             # what the filter knew counts for little against it, however small its sigma had become
             eskf.doubt_place(found.cov_ne_m2 + np.outer(found.displacement_ne_m, found.displacement_ne_m))

@@ -19,7 +19,7 @@ from estimator.registration.calibration import calibration_of
 from estimator.registration.channels import double_angle_gradients
 from estimator.registration.correlation import SearchArea
 from estimator.registration.likelihood import LikelihoodCalibration
-from estimator.robust import robust_std
+from estimator.robust import largest_std, robust_std
 from estimator.types import Float, Image
 
 
@@ -158,7 +158,7 @@ def _expected(
     mean = np.einsum("ij,ijk->k", p, offset_m)
     d = offset_m - mean
     cov = np.einsum("ij,ijk,ijl->kl", p, d, d)
-    return float(np.sqrt(np.linalg.eigvalsh(cov)[-1])), float(p[away].sum()), peak
+    return largest_std(cov), float(p[away].sum()), peak
 
 
 def _lasting(picture: Image) -> NDArray[np.float32]:

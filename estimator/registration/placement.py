@@ -15,6 +15,7 @@ from estimator.registration.confirm import footprint_size_m
 from estimator.registration.likelihood import likelihood
 from estimator.registration.ortho import CoarseMap, Ground
 from estimator.registration.refine import Refinement
+from estimator.robust import largest_std
 from estimator.types import Float, Image
 
 WINDOWS, WHOLE, KEYPOINTS = "windows", "whole picture", "keypoints"
@@ -175,7 +176,7 @@ def search_radius_m(pose: CameraPose, ground: Ground, cov_pose: Float, config: P
     aim = pose.ned_from_camera[:, 2]
     height_m = float(ground.down_at_m(pose.pos_ned_m[:2]) - pose.pos_ned_m[2])
     T = by_centre(pose.pos_ned_m + aim * (height_m / max(float(aim[2]), 0.2)), pose.pos_ned_m)
-    std_m = float(np.sqrt(np.linalg.eigvalsh((T @ cov_pose @ T.T)[:2, :2])[-1]))
+    std_m = largest_std((T @ cov_pose @ T.T)[:2, :2])
     map_std_m = config.matcher.calibrated().likelihood.map_std_m
     return min(config.radius_m, config.max_sigmas * float(np.hypot(std_m, map_std_m)))
 
