@@ -1,0 +1,129 @@
+"""A landing as an operator flies it: give the pad, see it found without GPS, hold to land, and stand on it."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Page, expect, sync_playwright
+
+from simulator.recording import PAD_TARGET
+from tests.e2e.demo_process import OUTPUT, ROOT, Deadline
+from tests.e2e.landing_process import Flown, landing_scene
+from tests.e2e.test_demo import CHROMIUM, reported
+
+PATIENCE_S = 280.0
+HOLD_MS = 1700
+WORST_MISS_M = 0.5
+METRES_PER_DEG = 111_320.0
+
+pytestmark = pytest.mark.timeout(300)
+
+
+@dataclass(slots=True)
+class Landing:
+    page: Page
+    client: httpx.Client
+    flown: Flown
+    deadline: Deadline
+    errors: list[str]
+
+    def told(self) -> dict[str, Any]:
+        answer = self.client.get("/api/v1/vehicles/1/landing")
+        assert answer.status_code == 200, answer.text
+        return dict(answer.json())
+
+    def photograph(self, name: str) -> None:
+        self.page.screenshot(path=OUTPUT / f"landing-{name}.png")
+
+
+@pytest.fixture
+def landing(tmp_path: Path) -> Iterator[Landing]:
+    assert (ROOT / "frontend/dist/index.html").exists(), "the console is not built: run 'make setup'"
+    assert CHROMIUM.exists(), f"no browser at {CHROMIUM}: run 'make chromium' or set CHROMIUM"
+    OUTPUT.mkdir(exist_ok=True)
+    deadline = Deadline.after(PATIENCE_S)
+    with landing_scene(tmp_path, deadline) as flown, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=deadline.left_ms
+        )
+        page = browser.new_page(viewport={"width": 1440, "height": 1000})
+        errors: list[str] = []
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda said: errors.extend(word for word in reported(said) if not word.endswith("/pad")))
+        with httpx.Client(base_url=flown.address, timeout=60.0) as client:
+            page.goto(flown.address, timeout=deadline.left_ms)
+            try:
+                yield Landing(page, client, flown, deadline, errors)
+            finally:
+                page.screenshot(path=OUTPUT / "landing-end.png")
+                browser.close()
+
+
+def test_landing(landing: Landing) -> None:
+    page, deadline = landing.page, landing.deadline
+    page.get_by_test_id("tab-landing").click()
+    expect(page.get_by_test_id("pad-mode")).to_have_text("NO PAD")
+    page.get_by_test_id("pad-file").set_input_files(landing.flown.pad_file)
+    expect(page.get_by_test_id("pad-name")).to_have_text("pad", timeout=deadline.left_ms)
+
+    # Without GPS the pad comes into the picture, and is shown from above with the place over it.
+    expect(page.get_by_test_id("gps-status")).to_have_text("no fix", timeout=deadline.left_ms)
+    expect(page.get_by_test_id("landing")).to_have_attribute("data-mode", "tracking", timeout=deadline.left_ms)
+    page.wait_for_function(
+        "() => document.querySelector('[data-testid=pad-view] img')?.naturalWidth > 0", timeout=deadline.left_ms
+    )
+    expect(page.get_by_test_id("pad-cross")).to_be_visible(timeout=deadline.left_ms)
+    expect(page.get_by_test_id("pad-outlines")).to_be_attached(timeout=deadline.left_ms)
+    landing.photograph("1-tracking")
+
+    # A press is not a hold.
+    land = page.get_by_test_id("land")
+    land.click(timeout=deadline.left_ms)
+    assert landing.told()["descent"] is None
+    hold(page)
+    expect(page.get_by_test_id("landing-bar")).to_be_visible(timeout=deadline.left_ms)
+
+    # One press ends it, and it can be begun again.
+    page.get_by_test_id("abort-landing").click(timeout=deadline.left_ms)
+    expect(page.get_by_test_id("landing-bar")).to_have_count(0, timeout=deadline.left_ms)
+    expect(page.get_by_test_id("descent")).to_have_text("LANDING ENDED", timeout=deadline.left_ms)
+    expect(land).to_be_enabled(timeout=deadline.left_ms)
+    hold(page)
+    expect(page.get_by_test_id("landing-bar")).to_have_attribute("data-phase", "descend", timeout=deadline.left_ms)
+    landing.photograph("2-descending")
+    expect(page.get_by_test_id("descent")).to_have_attribute("data-active", "false", timeout=deadline.left_ms)
+    landing.photograph("3-landed")
+
+    told = landing.told()
+    assert told["descent"]["phase"] == "landed", told["descent"]
+    assert miss_m(landing.flown) < WORST_MISS_M
+    assert landing.errors == []
+
+
+def hold(page: Page) -> None:
+    box = page.get_by_test_id("land").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.wait_for_timeout(HOLD_MS)
+    page.mouse.up()
+
+
+def miss_m(flown: Flown) -> float:
+    """How far the vehicle truly stands from the pad's centre, by the simulator's own record; ends the flight."""
+    flown.aircraft.close()
+    with (flown.truth / "truth.csv").open() as file:
+        stands = list(csv.DictReader(file))[-1]
+    with (flown.truth / "targets_truth.csv").open() as file:
+        pad = next(row for row in csv.DictReader(file) if row["target"] == PAD_TARGET)
+    lat_deg = float(pad["lat_deg"])
+    north_m = (float(stands["lat_deg"]) - lat_deg) * METRES_PER_DEG
+    east_m = (float(stands["lon_deg"]) - float(pad["lon_deg"])) * METRES_PER_DEG * math.cos(math.radians(lat_deg))
+    return math.hypot(north_m, east_m)
