@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.geometry.rotation import matrix_from_q, q_multiply, q_slerp, rotvec_from_q
+from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_multiply, q_slerp, rotvec_from_q
 from estimator.types import Float, InertialSample, NavigationState, PadRelative, Sample
 
 MOST_CORRECTED_US = 600_000_000
@@ -84,6 +84,20 @@ class AttitudeTrack:
         if after - before > 4 * max_extrapolation_us:
             return None
         return q_slerp(self._q[index - 1], self._q[index], (t_us - before) / (after - before))
+
+    def turning_rad_s(self, t_us: int) -> Float:
+        """Fastest rate (3,), about the axes that the reports turn, between those around a time; 0 where it is unknown.
+
+        Of three intervals: a rate that has changed between reports is in the one beside.
+        """
+        index = bisect.bisect_left(self._t_us, t_us)
+        fastest: Float = np.zeros(3)
+        for after in range(max(index - 1, 1), min(index + 2, len(self._t_us))):
+            turn = rotvec_from_q(q_multiply(q_conjugate(self._q[after - 1]), self._q[after]))
+            rate = turn / (1e-6 * (self._t_us[after] - self._t_us[after - 1]))
+            if rate @ rate > fastest @ fastest:
+                fastest = rate
+        return fastest
 
     def _beyond_newest(self, t_us: int, max_extrapolation_us: int) -> Float | None:
         beyond = t_us - self._t_us[-1]

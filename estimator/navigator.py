@@ -83,11 +83,11 @@ class Navigator:
         self._attitudes = AttitudeTrack()
         self._history = StateHistory(config.history_s)
         self.corrected = self._history.corrected
-        guess = config.initial
+        self._guess, self._noise = config.initial, config.noise
         if Gimbal(gimbal) is not Gimbal.FIXED:
-            guess = replace(guess, boresight_std_rad=guess.gimbal_error_std_rad)
-        self._guess = guess
-        self._initial = InitialConditions(guess, frame)
+            self._guess = replace(self._guess, boresight_std_rad=self._guess.gimbal_error_std_rad)
+            self._noise = replace(self._noise, boresight_rad_rt_s=self._noise.gimbal_rad_rt_s)
+        self._initial = InitialConditions(self._guess, frame)
         self._eskf: ErrorStateFilter | None = None
         self._earth = EarthModel.at(frame.lat_rad, frame.alt_m)
         self._odometry = VisualOdometry(camera, config.odometry)
@@ -292,8 +292,8 @@ class Navigator:
 
     def _start(self, first: FirstEstimate, t_us: int) -> None:
         layout = Layout.of(self._groups)
-        nominal, P = aligned(first, layout, self._guess, self.config.noise)
-        self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self.config.noise)
+        nominal, P = aligned(first, layout, self._guess, self._noise)
+        self._eskf = ErrorStateFilter(nominal, P, layout, self._earth, self._noise)
         self._watch.place_was_given()
         self._t_us = t_us
         self._searching = False

@@ -195,6 +195,11 @@ class PadMode(StrEnum):
     DEAD_RECKONING = "dead_reckoning"
     LOST = "lost"
 
+    @property
+    def known(self) -> bool:
+        """Whether the place may be flown by."""
+        return self in (PadMode.TRACKING, PadMode.DEAD_RECKONING)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PadSeen:

@@ -11,7 +11,6 @@ from backend.link.landing_target import TargetForm, target_in_body, target_in_lo
 from estimator.measurements.pad_tracking import PadConfig
 from estimator.types import NavigationState, PadMode
 
-KNOWN = (PadMode.TRACKING, PadMode.DEAD_RECKONING)
 OWN_POSITION_SILENT_US = 1_000_000
 # The estimator calls a pad lost by what it knew of it; a state that is carried on from there may be worse.
 LANDING_STD_M = PadConfig().landing_std_m
@@ -50,7 +49,7 @@ class Aiding:
             return "the vehicle is not connected"
         if pad is None:
             return "no pad is described"
-        if pad.mode not in KNOWN:
+        if not pad.mode.known:
             return f"the pad is {'not found' if pad.mode is PadMode.SEARCHING else 'lost'}" + (
                 f": {pad.reason}" if pad.reason else ""
             )

@@ -8,7 +8,7 @@ from backend.clock import mono_us
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
 from estimator.geometry.rotation import euler_from_q
-from estimator.types import NavigationState, PadMode
+from estimator.types import NavigationState
 from guidance.pan_tilt import PanTilt
 
 ASK_AGAIN_US = 5_000_000
@@ -37,7 +37,7 @@ class Gaze:
                 link.send_soon()
             return
         pad = state.pad
-        known = pad is not None and pad.mode in (PadMode.TRACKING, PadMode.DEAD_RECKONING)
+        known = pad is not None and pad.mode.known
         target = -(pad.pos_ned_m + state.lever_ned_m) if pad is not None and known else None
         self.reason = "" if known else "the pad is not found: the camera stays as it is"
         angles = self._aim.step(state.t_us, float(euler_from_q(state.q_ned_from_body)[2]), target)

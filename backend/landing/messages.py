@@ -50,7 +50,7 @@ def place_fields(state: NavigationState | None, setup: NavigationSetup | None) -
         return fields
     fields.update(mode=str(relative.mode), reason=relative.reason, age_s=finite(relative.age_s))
     fields.update({name: finite(value) for name, value in _place(state, relative).items()})
-    if relative.mode in (PadMode.TRACKING, PadMode.DEAD_RECKONING):
+    if relative.mode.known:
         fields["outlines_px"] = outlines_px(_foreseen(state, relative), setup.camera, pad)
     seen = relative.seen
     if seen is not None:

@@ -16,7 +16,7 @@ from backend.landing.descent import MODE_WORDS, Descent, Order, Orders
 from backend.link.events import VehicleType
 from backend.link.landing_target import velocity_set_point
 from backend.schemas.vehicles import CommandBody
-from estimator.types import NavigationState, PadMode
+from estimator.types import NavigationState
 from guidance.landing import LandingConfig, LandingPhase
 
 HOVERS = (VehicleType.MULTIROTOR, VehicleType.HELICOPTER)
@@ -58,9 +58,9 @@ class LandingPilot:
         if not vehicle.telemetry.armed:
             raise CommandRefusedError(f"vehicle '{vehicle.id}' is not armed: it stands")
         pad = None if vehicle.latest is None else vehicle.latest.state.pad
-        if pad is None or pad.mode is not PadMode.TRACKING:
+        if pad is None or not pad.mode.known:
             why = f": {pad.reason}" if pad is not None and pad.reason else ""
-            raise CommandRefusedError(f"the pad must be in the picture when a landing begins{why}")
+            raise CommandRefusedError(f"the pad must be followed when a landing begins{why}")
         self._descents[vehicle.id] = Descent(vehicle.autopilot, page, unix_us(), self._config_for(vehicle))
 
     def _config_for(self, vehicle: LiveVehicle) -> LandingConfig:

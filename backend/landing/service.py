@@ -93,6 +93,8 @@ class Landings:
         elif body.land:
             _ = self.pad
             self.pilot.begin(vehicle, self._page(body.page))
+            if vehicle.id not in self._gazes and _turns(vehicle):
+                self._begin_gaze(vehicle, body.page)
         if body.aiding is True:
             self._begin_aiding(vehicle, body.page)
         elif body.aiding is False:
@@ -120,7 +122,7 @@ class Landings:
         name = self._page(page)
         _ = self.pad
         self._link(vehicle)
-        if vehicle.setup is None or vehicle.setup.gimbal != PAN_TILT:
+        if not _turns(vehicle):
             raise CommandRefusedError(
                 f"the camera of vehicle '{vehicle.id}' cannot be turned: its camera file does not say 'pan_tilt'"
             )
@@ -211,8 +213,7 @@ class Landings:
         gaze = self._gazes.get(vehicle.id)
         if gaze is not None:
             return {"on": True, "reason": gaze.reason}
-        turns = vehicle.setup is not None and vehicle.setup.gimbal == PAN_TILT
-        return {"on": False, "reason": ""} if turns else None
+        return {"on": False, "reason": ""} if _turns(vehicle) else None
 
     async def view(self, vehicle: LiveVehicle) -> PadView | None:
         """The newest picture that showed the pad, as from straight above it; None where none has lately."""
@@ -238,3 +239,8 @@ class Landings:
             "alarm", id=f"{code}:{vehicle.id}:{now_us}", vehicle_id=vehicle.id, severity=severity, code=code,
             text=f"vehicle {vehicle.id}: {text}", active=False, since_unix_us=now_us,
         )  # fmt: skip
+
+
+def _turns(vehicle: LiveVehicle) -> bool:
+    """Whether the vehicle's camera can be turned."""
+    return vehicle.setup is not None and vehicle.setup.gimbal == PAN_TILT

@@ -6,6 +6,7 @@ import math
 import threading
 from collections import deque
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from estimator.types import Float, FrameSample, PadSeen
 
 PICTURES_KEPT = 60  # the estimator tells of the pad in a picture when it has passed it, a second later or so
 SIDE_PX = 320
+_NODE_PX = 8
 JPEG_QUALITY = 85
 _MARGIN = 1.25
 _RING_POINTS = 20
@@ -59,14 +61,17 @@ class PadView:
     jpeg: bytes
 
 
-def pad_view(picture: FrameSample, seen: PadSeen, camera: Camera, pad: Pad, side_px: int = SIDE_PX) -> PadView:
+def pad_view(picture: FrameSample, seen: PadSeen, camera: Camera, pad: Pad) -> PadView:
     """A picture warped to the pad's plane; ``seen`` is the pad in this very picture."""
     side_m = view_side_m(seen, camera, pad)
-    steps = ((np.arange(side_px) + 0.5) / side_px - 0.5) * side_m
+    # Through the lens for one in eight pixels each way and between them linearly: a row and column more on each side.
+    nodes = SIDE_PX // _NODE_PX + 2
+    steps = ((np.arange(nodes) - 0.5) * _NODE_PX / SIDE_PX - 0.5) * side_m
     y_m, x_m = np.meshgrid(steps, -steps)
     plane = np.stack((x_m, y_m, np.zeros_like(x_m)), axis=-1)
-    uv = camera.project(plane @ seen.camera_from_pad.T + seen.pad_in_camera_m).astype(np.float32)
-    uv = np.nan_to_num(uv, nan=_BESIDE_PX)
+    coarse = camera.project(plane @ seen.camera_from_pad.T + seen.pad_in_camera_m).astype(np.float32)
+    fine = cv2.resize(coarse, (nodes * _NODE_PX, nodes * _NODE_PX), interpolation=cv2.INTER_LINEAR)
+    uv = np.nan_to_num(fine[_NODE_PX:-_NODE_PX, _NODE_PX:-_NODE_PX], nan=_BESIDE_PX)
     warped = cv2.remap(
         np.asarray(picture.image), uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT,
         borderValue=_NOT_SEEN,
@@ -92,18 +97,17 @@ def outlines_px(seen: PadSeen | PadPose, camera: Camera, pad: Pad) -> list[list[
 
     Those that the picture does not hold, or that are too small to be seen, are left out.
     """
-    found = []
-    for outline in _outlines_m(pad):
-        uv = camera.project(outline @ seen.camera_from_pad.T + seen.pad_in_camera_m)
-        if not np.all(np.isfinite(uv)) or not np.any(camera.contains(uv)) or np.ptp(uv, axis=0).max() < _LEAST_RING_PX:
-            continue
-        found.append([(round(float(u), 1), round(float(v), 1)) for u, v in uv])
-    return found
+    uv = camera.project(_outlines_m(pad) @ seen.camera_from_pad.T + seen.pad_in_camera_m)
+    shows = np.isfinite(uv).all(axis=(1, 2)) & camera.contains(uv).any(axis=1)
+    shows &= np.nan_to_num(np.ptp(uv, axis=1)).max(axis=1) >= _LEAST_RING_PX
+    return [[(u, v) for u, v in outline] for outline in uv[shows].round(1).tolist()]
 
 
-def _outlines_m(pad: Pad) -> list[Float]:
+@lru_cache(maxsize=4)
+def _outlines_m(pad: Pad) -> Float:
+    """Points (outlines, n, 3) of the pattern's outlines in the pad frame."""
     if isinstance(pad, TagPad):
-        return [tag.corners_m for tag in pad.tags]
+        return np.stack([tag.corners_m for tag in pad.tags])
     angle = np.arange(_RING_POINTS) * (2.0 * math.pi / _RING_POINTS)
     around = np.column_stack((np.cos(angle), np.sin(angle), np.zeros(_RING_POINTS)))
-    return [np.array((ring.x_m, ring.y_m, 0.0)) + ring.outer_m * around for ring in pad.rings]
+    return np.stack([np.array((ring.x_m, ring.y_m, 0.0)) + ring.outer_m * around for ring in pad.rings])

@@ -47,6 +47,8 @@ class ProcessNoise:
     gyroscope_bias_rad_s_rt_s: float = 1.5e-4
     barometer_bias_m_rt_s: float = 0.09
     boresight_rad_rt_s: float = 1e-4
+    # in place of that where a gimbal keeps level by sensors of its own, which drift by tenths of a degree a minute
+    gimbal_rad_rt_s: float = 5e-4
     attitude_bias_std_rad: tuple[float, float, float] = (0.01, 0.01, 0.03)
     attitude_bias_time_s: float = 60.0
     # trees and houses stand above a ground model for tens of metres; the model is off, or the land wooded, for longer

@@ -34,6 +34,9 @@ from estimator.types import Float, Image
 _HEADINGS = 72
 _SAME_HEADING = 0.985
 _SHIFTS_PX = np.arange(-10.0, 10.1, 2.5)
+_SHIFTED_EACH = 2
+_FIRST = ((0.0, np.inf, 0.6), (2.5, np.inf, 0.3))
+"""Reach, limit and sigma in pixels of the first steps of a fit; a pose that was foreseen needs one of them."""
 _STRONG = 30.0
 """Grey levels a pixel from which an edge counts fully when guesses are compared."""
 
@@ -95,7 +98,9 @@ def detect_circles(
     search = _Search(image, camera, pad, prior, config or DetectorConfig())
     if expected is not None:
         # Which triple is which is known then, so a covered inner circle says nothing.
-        tracked = search.fitted(search.shifted(expected), trusting=True)
+        tracked = search.fitted(expected, trusting=True)
+        if tracked is None or tracked.share < search.config.sure_share:
+            tracked = _better(tracked, search.fitted(search.shifted(expected), trusting=True))
         if tracked is not None and tracked.share >= search.config.expected_share:
             return search.sighting(tracked)
     rings: list[RingSeen] = []
@@ -191,7 +196,8 @@ class _Search:
         there = self._visible(expected)
         if there is None:
             return expected
-        samples, curve = there
+        thin = np.arange(len(there[0].ring)) % _SHIFTED_EACH == 0
+        samples, curve = there[0].of(thin), there[1].of(thin)
         du, dv = (grid.ravel() for grid in np.meshgrid(_SHIFTS_PX, _SHIFTS_PX))
         shifts = np.column_stack((du, dv))
         pixels = (curve.pixels + shifts[:, np.newaxis]).reshape(-1, 2)
@@ -275,7 +281,7 @@ class _Search:
         """
         pose, config = guess, self.config
         fit: _Fit | None = None
-        for reach, within, sigma in ((0.0, np.inf, 0.6), (2.5, np.inf, 0.3), (2.5, config.edge_within_px, 0.2)):
+        for reach, within, sigma in (*_FIRST[: 1 if trusting else 2], (2.5, config.edge_within_px, 0.2)):
             there = self._visible(pose)
             if there is None:
                 return None

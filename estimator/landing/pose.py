@@ -67,14 +67,15 @@ class TiltPrior:
 
     def residual(self, pose: PadPose) -> tuple[Float, Float]:
         """Whitened difference (2,) to the pad's own down, and its derivative (2, 6) in (w, t)."""
-        x, y, z = self.down_camera
-        across = np.array((1.0, 0.0, 0.0)) if abs(x) < 0.7 else np.array((0.0, 1.0, 0.0))
-        first = np.cross((x, y, z), across)
-        first /= np.linalg.norm(first)
-        basis = np.stack((first, np.cross((x, y, z), first)))
+        x, y, z = (float(part) for part in self.down_camera)
+        # two axes across it: its cross product with the axis of the camera that is farther from it, and with that
+        first = np.array((0.0, z, -y) if abs(x) < 0.7 else (-z, 0.0, x))
+        first /= np.sqrt(first @ first)
+        basis = np.stack((first, skew(self.down_camera) @ first)) / self.std_rad
         down = pose.camera_from_pad[:, 2]
-        jacobian = np.hstack((-basis @ skew(down), np.zeros((2, 3))))
-        return -(basis @ down) / self.std_rad, jacobian / self.std_rad
+        jacobian = np.zeros((2, 6))
+        jacobian[:, :3] = -basis @ skew(down)
+        return -(basis @ down), jacobian
 
     def excludes(self, pose: PadPose, cost: float) -> bool:
         """Whether the tilt alone costs a pose many times this much, so that edges could not make up for it."""
@@ -375,8 +376,13 @@ def _linearised(
     rises = edges.samples.rises
     residual = gx * (edges.xy[:, 0] - x) + gy * (edges.xy[:, 1] - y) - inwards * state[0] - rises * state[1]
     # A shift of the point moves its pixel along the normal by g^T [1 0 -x; 0 1 -y] / z; turning shifts it by w x p.
-    shift = np.column_stack((gx, gy, -(gx * x + gy * y))) / depth[:, np.newaxis]
-    jacobian = np.column_stack((np.cross(turned, shift), shift, inwards, rises))
+    jacobian = np.empty((len(depth), 8))
+    px, py, pz = turned.T
+    sx, sy, sz = gx / depth, gy / depth, -(gx * x + gy * y) / depth
+    for column, values in enumerate(
+        (py * sz - pz * sy, pz * sx - px * sz, px * sy - py * sx, sx, sy, sz, inwards, rises)
+    ):
+        jacobian[:, column] = values
     size = np.abs(residual) / sigma_px
     far = size > 3.0
     weight = np.where(far, 3.0 / np.maximum(size, 1e-12), 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -27,12 +27,18 @@ class CameraAttitude:
     """Rotation (3, 3) of the camera, and its error about the NED axes.
 
     The error is ``by_attitude`` (3, 3) times the vehicle's attitude error plus ``by_boresight`` (3, 3) times the
-    misalignment error.
+    misalignment error. ``slew_ned_rad_s`` (3,) is how fast a gimbal turns: its reports lag and are read between.
     """
 
     ned_from_camera: Float
     by_attitude: Float
     by_boresight: Float
+    slew_ned_rad_s: Float = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def slew_rad_s(self) -> float:
+        """How fast a gimbal turns it."""
+        return float(np.linalg.norm(self.slew_ned_rad_s))
 
 
 class CameraAttitudeModel:
@@ -78,7 +84,8 @@ class CameraAttitudeModel:
         elif turned and self.turn_rad != 0.0:
             ned_from_gimbal = matrix_from_q(q_from_rotvec(np.array([0.0, 0.0, self.turn_rad]))) @ ned_from_gimbal
         by_attitude = np.zeros((3, 3)) if self._yaw_is_earth else yaw_only
-        return CameraAttitude(ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA, by_attitude, ned_from_gimbal)
+        camera, slew = ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA, self._reports.turning_rad_s(t_us)
+        return CameraAttitude(camera, by_attitude, ned_from_gimbal, ned_from_gimbal @ slew)
 
 
 def camera_rotation_jacobian(attitude: CameraAttitude, eskf: ErrorStateFilter) -> Float:

@@ -32,11 +32,13 @@ class PadNoise:
     much, by encoder and print, but not in the pose's directions: so counted, errors of single pictures are one sigma
     from 15 m to the ground (NEES of 0.8 to 1.1 a number beyond 8 m and 1.1 to 1.9 below, with 1.0; flights 301 to 303).
     ``alike_s`` is how long lens, print and encoder draw edges alike, so that pictures closer in time say it once.
+    ``slew_timing_s`` is how far the report of a gimbal that turns is off in time.
     ``direction_std_rad`` and ``range_share`` are of the camera's calibration: where a pixel looks, and focal length.
     """
 
     edge_factor: float = 1.15
     alike_s: float = 0.4
+    slew_timing_s: float = 0.02
     direction_std_rad: float = 1e-4
     range_share: float = 5e-4
 
@@ -61,7 +63,7 @@ def by_states(eskf: ErrorStateFilter, pad: PadPlace, camera: CameraAttitude, cam
     """
     camera_from_ned = camera.ned_from_camera.T
     lever_ned_m = camera_pos_ned_m - eskf.nominal.motion.pos_ned_m
-    by_camera_turn = np.vstack((-camera_from_ned, camera_from_ned @ skew(pad.pos_ned_m - camera_pos_ned_m)))
+    by_camera_turn = _by_camera_turn(pad, camera, camera_pos_ned_m)
     by_shift = np.vstack((np.zeros((3, 3)), camera_from_ned))
     return eskf.layout.jacobian(
         6,
@@ -71,6 +73,11 @@ def by_states(eskf: ErrorStateFilter, pad: PadPlace, camera: CameraAttitude, cam
         pad_position=by_shift,
         pad_rotation=np.vstack((camera_from_ned, np.zeros((3, 3)))),
     )
+
+
+def _by_camera_turn(pad: PadPlace, camera: CameraAttitude, camera_pos_ned_m: Float) -> Float:
+    camera_from_ned = camera.ned_from_camera.T
+    return np.vstack((-camera_from_ned, camera_from_ned @ skew(pad.pos_ned_m - camera_pos_ned_m)))
 
 
 def place(seen: PadPose, camera: CameraAttitude, camera_pos_ned_m: Float) -> PadPlace:
@@ -96,11 +103,13 @@ def innovation(
     expected = foreseen(pad, camera, camera_pos_ned_m)
     H = by_states(eskf, pad, camera, camera_pos_ned_m)
     told = [_by_edges(one, expected, noise) for one in solutions]
+    late = _by_camera_turn(pad, camera, camera_pos_ned_m) @ camera.slew_ned_rad_s * noise.slew_timing_s
     z, R_one = told[0]
     if len(told) > 1:
         weights = _weights(solutions, told, H @ eskf.P @ H.T)
         z = np.einsum("i,ij->j", weights, [each for each, _ in told])
         R_one = np.einsum("i,ijk->jk", weights, [R + np.outer(each - z, each - z) for each, R in told])
+    R_one = R_one + np.outer(late, late)
     return Innovation(z, H, R_one * noise.alike(since_s), R_one)
 
 

@@ -19,7 +19,7 @@ from tests.e2e.landing_process import Flown, landing_scene
 from tests.e2e.test_demo import CHROMIUM, reported
 
 PATIENCE_S = 280.0
-HOLD_MS = 1700
+HOLD_MS, HOLDS = 1700, 3
 WORST_MISS_M = 0.5
 METRES_PER_DEG = 111_320.0
 
@@ -87,15 +87,14 @@ def test_landing(landing: Landing) -> None:
     land = page.get_by_test_id("land")
     land.click(timeout=deadline.left_ms)
     assert landing.told()["descent"] is None
-    hold(page)
-    expect(page.get_by_test_id("landing-bar")).to_be_visible(timeout=deadline.left_ms)
+    begin(landing)
+    expect(page.get_by_test_id("gaze")).to_have_attribute("aria-checked", "true", timeout=deadline.left_ms)
 
     # One press ends it, and it can be begun again.
     page.get_by_test_id("abort-landing").click(timeout=deadline.left_ms)
     expect(page.get_by_test_id("landing-bar")).to_have_count(0, timeout=deadline.left_ms)
     expect(page.get_by_test_id("descent")).to_have_text("LANDING ENDED", timeout=deadline.left_ms)
-    expect(land).to_be_enabled(timeout=deadline.left_ms)
-    hold(page)
+    begin(landing)
     expect(page.get_by_test_id("landing-bar")).to_have_attribute("data-phase", "descend", timeout=deadline.left_ms)
     landing.photograph("2-descending")
     expect(page.get_by_test_id("descent")).to_have_attribute("data-active", "false", timeout=deadline.left_ms)
@@ -105,6 +104,17 @@ def test_landing(landing: Landing) -> None:
     assert told["descent"]["phase"] == "landed", told["descent"]
     assert miss_m(landing.flown) < WORST_MISS_M
     assert landing.errors == []
+
+
+def begin(landing: Landing) -> None:
+    """Hold the button, and once more where the pad was out of sight for a moment, which takes the hold back."""
+    page = landing.page
+    for _ in range(HOLDS):
+        expect(page.get_by_test_id("land")).to_be_enabled(timeout=landing.deadline.left_ms)
+        hold(page)
+        if landing.told()["descent"] is not None and landing.told()["descent"]["active"]:
+            break
+    expect(page.get_by_test_id("landing-bar")).to_be_visible(timeout=landing.deadline.left_ms)
 
 
 def hold(page: Page) -> None:

@@ -252,3 +252,18 @@ def test_predictions_are_kept_with_the_states_that_follow_them_and_no_longer_tha
     history.expect(_state(30_000_000))
     history.add(_state(30_100_000))
     assert history.corrected()[-1].after.t_us == 19_900_000
+
+
+def test_the_fastest_turn_about_a_time_is_told_in_the_axes_that_turn() -> None:
+    track = AttitudeTrack()
+    assert_allclose(track.turning_rad_s(0), np.zeros(3))
+    # Pitching up in a turned frame: still until 1.0 s, at 2 rad/s until 1.2 s, then still again.
+    for t_s, pitch in ((0.8, 0.0), (0.9, 0.0), (1.0, 0.0), (1.1, 0.2), (1.2, 0.4), (1.3, 0.4), (1.4, 0.4), (1.5, 0.4)):
+        track.add(round(t_s * 1e6), q_from_euler(0.0, pitch, 0.7))
+
+    assert_allclose(track.turning_rad_s(1_150_000), (0.0, 2.0, 0.0), atol=1e-9)
+    # One report further the turn may have begun before it was told.
+    assert_allclose(track.turning_rad_s(950_000), (0.0, 2.0, 0.0), atol=1e-9)
+    assert_allclose(track.turning_rad_s(850_000), np.zeros(3), atol=1e-9)
+    assert_allclose(track.turning_rad_s(1_450_000), np.zeros(3), atol=1e-9)
+    assert_allclose(track.turning_rad_s(9_000_000), np.zeros(3), atol=1e-9)

@@ -381,9 +381,19 @@ async def test_what_cannot_be_landed_is_refused_in_words(tmp_path: Path) -> None
         nobody = await flown.ask(land=True)
 
     assert [answer.status_code for answer in (unseen, part, nobody)] == [409] * 3
-    assert "the pad must be in the picture when a landing begins" in unseen.json()["detail"]
+    assert "the pad must be followed when a landing begins" in unseen.json()["detail"]
     assert "only part of a triple" in part.json()["detail"]
     assert "ends with the page" in nobody.json()["detail"]
+
+
+async def test_a_landing_by_dead_reckoning_may_begin_and_takes_the_camera_with_it(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        flown.vehicle._setup = replace(setup(), gimbal="pan_tilt")
+        flown.give(over_pad(unix_us(), mode=PadMode.DEAD_RECKONING))
+        answer = (await flown.ask(page=PAGE, land=True)).json()
+
+    assert answer["descent"]["active"] is True
+    assert answer["gaze"]["on"] is True
 
 
 class Gimballed(Pilot):

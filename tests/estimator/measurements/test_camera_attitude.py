@@ -71,3 +71,15 @@ def test_fixed_camera_ignores_reports_and_a_gimbal_needs_fresh_ones() -> None:
 
     assert_allclose(fresh @ [0.0, 0.0, 1.0], matrix_from_q(q_from_euler(0.02, -1.1, 0.4)) @ [1.0, 0.0, 0.0], atol=1e-12)
     assert_allclose(stale, unreported.at(0, q, np.zeros(3)).ned_from_camera, atol=1e-12)
+
+
+def test_a_gimbal_that_turns_says_how_fast_about_the_north_east_down_axes() -> None:
+    turning, fixed = (CameraAttitudeModel(MOUNT, gimbal) for gimbal in (Gimbal.PAN_TILT, Gimbal.FIXED))
+    for t_us, yaw in ((0, 0.0), (100_000, 0.05)):
+        for model in (turning, fixed):
+            model.offer(CameraAttitudeSample(t_us, q_from_euler(0.0, -1.2, yaw), yaw_is_earth=False))
+
+    q = q_from_euler(0.0, 0.0, 1.0)
+    assert_allclose(turning.at(50_000, q, np.zeros(3)).slew_ned_rad_s, (0.0, 0.0, 0.5), atol=1e-9)
+    assert turning.at(50_000, q, np.zeros(3)).slew_rad_s == pytest.approx(0.5)
+    assert fixed.at(50_000, q, np.zeros(3)).slew_rad_s == 0.0

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -447,3 +449,16 @@ def test_the_search_reaches_as_far_as_it_is_told() -> None:
     assert np.hypot(missed.north_m - TRUE_POS[0], missed.east_m - TRUE_POS[1]) > 10.0
     assert np.hypot(seen.north_m - TRUE_POS[0], seen.east_m - TRUE_POS[1]) < 4.0
     assert seen.outlier_probability < missed.outlier_probability
+
+
+def test_a_camera_that_is_being_turned_is_not_laid_on_the_map() -> None:
+    eskf, fixer = _filter(np.zeros(6)), _fixer()
+    camera = replace(MODEL.at(0, LEVEL, np.zeros(3)), slew_ned_rad_s=np.array((0.0, 0.0, 1.0)))
+    frame = FrameSample(0, 1, _picture(np.random.default_rng(10)))
+
+    report = fixer.attempt(frame, eskf, camera, eskf.nominal.motion.pos_ned_m, eskf.nominal.ground_bias_m)
+
+    assert not report.accepted
+    assert "turned" in report.reason
+    # It is no fault of the map's.
+    assert fixer.rejected_in_row == 0

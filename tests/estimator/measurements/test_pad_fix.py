@@ -211,3 +211,26 @@ def test_before_the_pad_is_placed_there_is_nothing_to_compare() -> None:
 
     assert innovation(eskf, (solution,), *_camera(eskf), PLAIN, 1.0) is None
     assert set(STATE_GROUPS) >= {"pad_position", "pad_rotation"}
+
+
+def test_a_gimbal_that_turns_is_believed_less_about_the_axis_of_its_turn() -> None:
+    """
+    Fault: the report of a gimbal that turns at 1 rad/s is 20 ms late, so that the camera is 20 mrad off.
+    Expected: the covariance has just that error, of the pad's attitude and of its place, and nothing across.
+    """
+    eskf = general_filter()
+    camera, lens = _camera(eskf)
+    solution, slew = _solved(_expected(eskf), None), np.array((0.6, 0.0, 0.8))
+    noise = replace(PLAIN, slew_timing_s=0.02)
+
+    still, turning = (
+        innovation(eskf, (solution,), replace(camera, slew_ned_rad_s=rate), lens, noise, 9.0)
+        for rate in (np.zeros(3), slew)
+    )
+
+    assert still is not None
+    assert turning is not None
+    assert eskf.nominal.pad is not None
+    late = replace(camera, ned_from_camera=Rotation.from_rotvec(0.02 * slew).as_matrix() @ camera.ned_from_camera)
+    off = _apart(foreseen(eskf.nominal.pad, late, lens), _expected(eskf))
+    assert_allclose(turning.R - still.R, np.outer(off, off), atol=0.05 * float(off @ off))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -126,3 +128,22 @@ def test_structure_carries_the_scale_over_ground_that_is_modelled_wrong() -> Non
     assert abs(kept) < 0.012
     # the ground model takes 12 % off the height, and such accelerometers cannot tell
     assert lost < -0.03
+
+
+def test_pictures_of_a_camera_that_is_being_turned_are_left_out() -> None:
+    odometry = VisualOdometry(CAMERA, OdometryConfig())
+    eskf = filter_after(FIRST, SECOND)
+    told: list[str] = []
+
+    def apply(name: str, innovation: Innovation | None) -> bool:
+        told.append(name)
+        return innovation is not None
+
+    for t_us, slew in ((0, 0.0), (300_000, 1.0), (600_000, 0.0)):
+        picture = seen_by(FIRST + (t_us * 1e-6, 0.0, 0.0), camera_of(Q_FIRST).ned_from_camera)
+        camera = replace(camera_of(Q_FIRST), slew_ned_rad_s=np.array((0.0, 0.0, slew)))
+        odometry.fuse(t_us, picture, eskf, lambda _, camera=camera: (camera, FIRST), flat, apply)
+        assert odometry.took_picture == (slew == 0.0)
+
+    # After the turn it begins anew.
+    assert "odometry" not in told
