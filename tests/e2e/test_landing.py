@@ -20,7 +20,8 @@ from tests.e2e.test_demo import CHROMIUM, reported
 
 PATIENCE_S = 280.0
 HOLD_MS, HOLDS = 1700, 3
-WORST_MISS_M = 0.5
+WORST_MISS_M = 1.0
+"""How near a station can land on a machine that is busy with page and simulator; without those: docs/results."""
 METRES_PER_DEG = 111_320.0
 
 pytestmark = pytest.mark.timeout(300)
@@ -53,7 +54,7 @@ def landing(tmp_path: Path) -> Iterator[Landing]:
         browser = playwright.chromium.launch(
             executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-dev-shm-usage"], timeout=deadline.left_ms
         )
-        page = browser.new_page(viewport={"width": 1440, "height": 1000})
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
         errors: list[str] = []
         page.on("pageerror", lambda error: errors.append(str(error)))
         page.on("console", lambda said: errors.extend(word for word in reported(said) if not word.endswith("/pad")))

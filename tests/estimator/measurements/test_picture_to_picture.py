@@ -140,7 +140,7 @@ def test_pictures_of_a_camera_that_is_being_turned_are_left_out() -> None:
         return innovation is not None
 
     for t_us, slew in ((0, 0.0), (300_000, 1.0), (600_000, 0.0)):
-        picture = seen_by(FIRST + (t_us * 1e-6, 0.0, 0.0), camera_of(Q_FIRST).ned_from_camera)
+        picture = seen_by(FIRST + np.array((t_us * 1e-6, 0.0, 0.0)), camera_of(Q_FIRST).ned_from_camera)
         camera = replace(camera_of(Q_FIRST), slew_ned_rad_s=np.array((0.0, 0.0, slew)))
         odometry.fuse(t_us, picture, eskf, lambda _, camera=camera: (camera, FIRST), flat, apply)
         assert odometry.took_picture == (slew == 0.0)
