@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
 
 from benchmarks.budget import Measurement, percentile
+from benchmarks.pad_scenes import HD, VGA, Look, circle_scene, ground_of, looking_at_pad
 from estimator.filters.eskf import ErrorStateFilter, ProcessNoise
 from estimator.filters.initialise import FirstEstimate, InitialGuess, aligned
 from estimator.filters.nominal import Layout
 from estimator.filters.point_mass import PointMassConfig, PointMassFilter
 from estimator.filters.strapdown import EarthModel, Motion
 from estimator.geometry.camera import Camera
+from estimator.landing.detector import detect_circles
+from estimator.landing.pad import circle_pad
+from estimator.landing.pose import TiltPrior
 from estimator.navigator import GROUPS
 from estimator.odometry.tracker import CornerTracker
 from estimator.registration.channels import double_angle_gradients
@@ -79,12 +85,29 @@ def _stages() -> list[Stage]:
     rate, force = np.array([0.01, 0.0, 0.02]), np.array([0.0, 0.0, -9.8])
     H, R = eskf.layout.jacobian(3, position=np.eye(3)), np.eye(3)
     return [
+        *_pad_stages(),
         Stage("visual odometry, 640x480", 15.0, odometry, 100),
         Stage("registration, 7 hypotheses, 128 px", 25.0, registration, 40),
         Stage("point-mass filter, 400 x 400", 3.0, point_mass, 100),
         Stage("inertial filter, predict", 0.05, lambda: eskf.predict_inertial(rate, force, 0.02), 2000),
         Stage("inertial filter, update", 0.1, lambda: eskf.update(np.zeros(3), H, R), 2000),
     ]
+
+
+def _pad_stages() -> list[Stage]:
+    """A pad from 15 m that is followed, foreseen to some pixels as a filter has it, and one that is found."""
+    pad, ground = circle_pad("bench", 1.5, 0.3), ground_of(9)
+    stages = []
+    for camera in (VGA, HD):
+        pose = looking_at_pad(15.0, (0.5, -0.3), 0.4, (0.02, -0.01))
+        picture = circle_scene(ground, camera, pad).render(pose, Look(jpeg=80), np.random.default_rng(9))
+        prior = TiltPrior(pose.camera_from_pad[:, 2], math.radians(0.3))
+        near = pose.moved(np.array((0.001, -0.001, 0.002, 0.03, -0.03, 0.05)))
+        size = f"{camera.width_px}x{camera.height_px}"
+        for name, expected in (("followed", near), ("found", None)):
+            call = partial(detect_circles, picture, camera, pad, prior, expected)
+            stages.append(Stage(f"landing pad {name}, {size}", 15.0, call, 40))
+    return stages
 
 
 def measure_stages(short: bool) -> list[Measurement]:

@@ -477,7 +477,7 @@ class Navigator:
             return Mode.GPS
         if std > self.config.lost_std_m or lost:
             return Mode.LOST
-        seen = self._fix_age_s(t_us) <= self.config.vision_timeout_s or self._on_pad(t_us)
+        seen = self._fix_age_s(t_us) <= self.config.vision_timeout_s or self._on_pad(min(t_us, self._t_us))
         return Mode.VISION if seen and std <= self.config.vision_std_m else Mode.DEAD_RECKONING
 
     def _has_satellites(self, t_us: int) -> bool:

@@ -121,13 +121,22 @@ def detect_circles(
         return NoPad(Refusal.MIRRORED, f"pad '{pad.name}' is printed mirrored: its ratios rise counter-clockwise")
     if fit is None:
         return search.nothing(rings)
-    if fit.share < search.config.accept_share or lead < search.config.mirror_margin:
-        return NoPad(
-            Refusal.INCOMPLETE,
-            f"pad '{pad.name}': only {fit.share:.0%} of its edges are in the picture where they should be; "
-            "it is covered, cut or printed in part",
-        )
+    too_little = _too_little(fit, lead, search.config)
+    if too_little:
+        return NoPad(Refusal.INCOMPLETE, f"pad '{pad.name}': {too_little}")
     return search.alone(rings, fit)
+
+
+def _too_little(fit: _Fit, lead: float, config: DetectorConfig) -> str:
+    """Why a fit is not enough to go by; empty if it is."""
+    if fit.share < config.accept_share:
+        return (
+            f"only {fit.share:.0%} of its edges are in the picture where they should be; it is covered, cut or printed "
+            "in part"
+        )
+    if lead < config.mirror_margin:
+        return "too little of it is in the picture to tell it from one that is printed mirrored"
+    return ""
 
 
 def _better(one: _Fit | None, other: _Fit | None) -> _Fit | None:

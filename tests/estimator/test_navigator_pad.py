@@ -158,6 +158,18 @@ def test_it_is_told_for_any_time(flown) -> None:
     assert np.all(np.diag(ahead.pad.cov_pos_ned_m2) > np.diag(now.pad.cov_pos_ned_m2))
 
 
+def test_a_state_carried_on_from_a_picture_of_the_pad_is_by_vision() -> None:
+    navigator = _navigator()
+    _hover(navigator, 0.0, 1.0, BARE)
+    navigator.gps_denied = True
+    last = _hover(navigator, 1.0, 2.0, SHOWN, gnss=False)[-1]
+
+    ahead = navigator.predict(last.t_us + 500_000)
+
+    assert ahead is not None
+    assert (last.mode, ahead.mode) == (Mode.VISION, Mode.VISION)
+
+
 def test_a_surveyed_pad_gives_the_place_on_the_map() -> None:
     navigator = _navigator(pad_at=SurveyedPlace(PAD_AT + np.array([3.0, 0.0, 0.0]), 0.05))
     navigator.gps_denied = False
