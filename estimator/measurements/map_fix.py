@@ -250,7 +250,7 @@ class MapFixer:
             return self._update_by_density(match, eskf, camera, pose, T, weight, prior, posterior)
         J = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m)
         information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
-        cov_ne_m2 = np.asarray(doubt * np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
+        cov_ne_m2 = np.asarray(np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
         self._follow_map(eskf, config.noise_inflation**2 * cov_ne_m2, match.footprint_m)
         inflation = config.noise_inflation * np.sqrt(doubt)
         own = terrain_fix.PoseNoise(inflation * np.sqrt(config.white_share), inflation)
@@ -278,8 +278,9 @@ class MapFixer:
         H = terrain_fix.centre_by_pose(match.centre_ned_m, pose.pos_ned_m) @ T
         predicted = eskf.nominal.motion.pos_ned_m[:2]
         inflation = config.slices_inflation if sliced else config.density_inflation
-        cov_ne_m2 = increment.cov_ne_m2 * (inflation**2 * self._doubt(match))
+        cov_ne_m2 = increment.cov_ne_m2 * inflation**2
         self._follow_map(eskf, cov_ne_m2[:2, :2], match.footprint_m)
+        cov_ne_m2 = cov_ne_m2 * self._doubt(match)
         R, R_one = (self._noise(eskf, cov_ne_m2[:2, :2], counts) for counts in (weight, 1.0))
         if sliced:
             H = np.vstack((H, lever_m * _heading_jacobian(eskf, camera)))
@@ -334,7 +335,7 @@ class MapFixer:
         """Let the map's displacements be as large as their shares of what pictures are uncertain by.
 
         Where pictures become worse the local one grows at once, and shrinks slowly where they become better. Pictures
-        err alike as far as they show the same ground.
+        err alike as far as they show the same ground. That a match may be wrong says nothing of the map.
         """
         config = self.config
         best_m2 = float(np.linalg.eigvalsh(cov_ne_m2)[0])

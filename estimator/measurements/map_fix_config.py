@@ -70,7 +70,7 @@ class MapFixConfig:
     map_bias_memory: float = 0.9
     map_region_memory: float = 0.95
     min_map_bias_m: float = 0.05
-    max_map_bias_m: float = 2.0
+    max_map_bias_m: float = 1.0
     max_outlier_probability: float = 0.99
     min_unimodality: float = 0.9
     max_lost_probability: float = 0.5
