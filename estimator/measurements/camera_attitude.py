@@ -84,7 +84,9 @@ class CameraAttitudeModel:
         elif turned and self.turn_rad != 0.0:
             ned_from_gimbal = matrix_from_q(q_from_rotvec(np.array([0.0, 0.0, self.turn_rad]))) @ ned_from_gimbal
         by_attitude = np.zeros((3, 3)) if self._yaw_is_earth else yaw_only
-        camera, slew = ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA, self._reports.turning_rad_s(t_us)
+        camera = ned_from_gimbal @ misalignment @ GIMBAL_FROM_CAMERA
+        # Nobody turns a stabilised camera; what its reports differ by is their own noise.
+        slew = self._reports.turning_rad_s(t_us) if self._gimbal is Gimbal.PAN_TILT else np.zeros(3)
         return CameraAttitude(camera, by_attitude, ned_from_gimbal, ned_from_gimbal @ slew)
 
 

@@ -74,12 +74,15 @@ def test_fixed_camera_ignores_reports_and_a_gimbal_needs_fresh_ones() -> None:
 
 
 def test_a_gimbal_that_turns_says_how_fast_about_the_north_east_down_axes() -> None:
-    turning, fixed = (CameraAttitudeModel(MOUNT, gimbal) for gimbal in (Gimbal.PAN_TILT, Gimbal.FIXED))
+    turning, stabilised, fixed = (
+        CameraAttitudeModel(MOUNT, gimbal) for gimbal in (Gimbal.PAN_TILT, Gimbal.STABILISED, Gimbal.FIXED)
+    )
     for t_us, yaw in ((0, 0.0), (100_000, 0.05)):
-        for model in (turning, fixed):
+        for model in (turning, stabilised, fixed):
             model.offer(CameraAttitudeSample(t_us, q_from_euler(0.0, -1.2, yaw), yaw_is_earth=False))
 
     q = q_from_euler(0.0, 0.0, 1.0)
     assert_allclose(turning.at(50_000, q, np.zeros(3)).slew_ned_rad_s, (0.0, 0.0, 0.5), atol=1e-9)
     assert turning.at(50_000, q, np.zeros(3)).slew_rad_s == pytest.approx(0.5)
+    assert stabilised.at(50_000, q, np.zeros(3)).slew_rad_s == 0.0
     assert fixed.at(50_000, q, np.zeros(3)).slew_rad_s == 0.0
