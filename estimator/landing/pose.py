@@ -376,13 +376,10 @@ def _linearised(
     rises = edges.samples.rises
     residual = gx * (edges.xy[:, 0] - x) + gy * (edges.xy[:, 1] - y) - inwards * state[0] - rises * state[1]
     # A shift of the point moves its pixel along the normal by g^T [1 0 -x; 0 1 -y] / z; turning shifts it by w x p.
-    jacobian = np.empty((len(depth), 8))
     px, py, pz = turned.T
     sx, sy, sz = gx / depth, gy / depth, -(gx * x + gy * y) / depth
-    for column, values in enumerate(
-        (py * sz - pz * sy, pz * sx - px * sz, px * sy - py * sx, sx, sy, sz, inwards, rises)
-    ):
-        jacobian[:, column] = values
+    turn = (py * sz - pz * sy, pz * sx - px * sz, px * sy - py * sx)
+    jacobian = np.column_stack((*turn, sx, sy, sz, inwards, rises))
     size = np.abs(residual) / sigma_px
     far = size > 3.0
     weight = np.where(far, 3.0 / np.maximum(size, 1e-12), 1.0)

@@ -13,6 +13,8 @@ from estimator.geometry.rotation import matrix_from_q, q_from_rotvec
 from estimator.history import AttitudeTrack, level_yaw_matrix
 from estimator.types import CameraAttitudeSample, Float
 
+MAX_SLEW_RAD_S = 0.5
+
 
 class Gimbal(StrEnum):
     """How the camera hangs on the vehicle (design, section 4)."""
@@ -39,6 +41,11 @@ class CameraAttitude:
     def slew_rad_s(self) -> float:
         """How fast a gimbal turns it."""
         return float(np.linalg.norm(self.slew_ned_rad_s))
+
+    @property
+    def being_turned(self) -> bool:
+        """Whether that is too fast for its reports to tell where a picture looks."""
+        return self.slew_rad_s > MAX_SLEW_RAD_S
 
 
 class CameraAttitudeModel:

@@ -112,7 +112,7 @@ class MapFixer:
             unknown = not np.isfinite(height_m)
             self.rejected_in_row += 1
             return self._report(frame, started, "ground height unknown" if unknown else "too close to the ground")
-        if camera.slew_rad_s > self.config.max_slew_rad_s:
+        if camera.being_turned:
             return self._report(frame, started, "the camera is being turned")
         T = terrain_fix.apparent_pose_jacobian(eskf, camera)
         if not self.config.couple_attitude:

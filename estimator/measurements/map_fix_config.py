@@ -32,7 +32,6 @@ class Acceptance(StrEnum):
 class MapFixConfig:
     """Search and acceptance of map fixes.
 
-    While a gimbal turns faster than ``max_slew_rad_s`` its reports do not tell well enough where it looks.
     ``correlation_share`` is the distance, as a share of the footprint, over which errors of consecutive fixes stay
     alike, ``ambiguity_share`` that over which pictures confuse the same places; ``min_weight`` what a fix from the
     same place still counts. ``noise_inflation`` multiplies the windows' own sigma (neighbours err alike),
@@ -54,7 +53,6 @@ class MapFixConfig:
     search_sigmas: float = 3.5
     min_search_m: float = 10.0
     max_search_m: float = 160.0
-    max_slew_rad_s: float = 0.5
     correlation_share: float = 0.4
     min_weight: float = 0.03
     ambiguity_share: float = 0.12

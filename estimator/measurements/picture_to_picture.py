@@ -30,8 +30,7 @@ class OdometryConfig:
     """When to use a picture and how far to trust its tracks.
 
     ``interval_s`` thins out fast video; ``turn_relative_std`` is what clocks and scale factors leave of a turn between
-    two pictures, as a share of its angle. Pictures of a gimbal that turns faster than ``max_slew_rad_s`` are left out.
-    ``frozen_difference`` is the mean grey change below which nothing moved.
+    two pictures, as a share of its angle; ``frozen_difference`` is the mean grey change below which nothing moved.
     ``method`` names one of ``odometers.ODOMETERS``. Only ``rays`` keeps the structure of what is seen, as ``structure``
     says (ADR 0011): ``structure_relative_std`` is in place of ``relative_std`` where heights are known by it, and with
     ``use_moments`` the turn and growth of the tracks since the keyframe count besides their mean motion.
@@ -44,7 +43,6 @@ class OdometryConfig:
     pixel_std_px: float = 0.5
     relative_std: float = 0.012
     turn_relative_std: float = 0.01
-    max_slew_rad_s: float = 0.5
     frozen_difference: float = 0.02
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     structure: StructureConfig = field(default_factory=StructureConfig)
@@ -128,7 +126,7 @@ class VisualOdometry:
         as corrected by it, and ``apply`` fuses an innovation under a name and says whether it was accepted.
         """
         camera, position = camera_now(eskf)
-        if camera.slew_rad_s > self.config.max_slew_rad_s:
+        if camera.being_turned:
             self.took_picture, self._t_us = False, None
             return
         step = self.step(t_us, image, eskf, camera, position, down_at)
