@@ -48,7 +48,9 @@ class LandingConfig:
     within ``touchdown_sink_m_s`` and ``sink_m_s``. The funnel's radius is ``funnel_m`` plus ``funnel_slope`` times the
     height; half as far again outside it nothing sinks. ``velocity_gain``, ``trim_per_s`` and ``damping_s`` (by the
     acceleration) close the loop around the autopilot's own velocity; the trim stays within ``trim_m_s``. They are
-    chosen for a helicopter whose velocity follows in 1.3 s, and hold from half to three times as fast.
+    chosen for a helicopter whose velocity follows in 1.3 s, and hold from half to three times as fast. Where estimates
+    come less often than every ``pace_s`` (the longest pause counts, for some ``pace_memory_s``) less of it is closed:
+    a set-point that is held for half a second at full gain makes the vehicle swing ever wider.
 
     Above ``decision_height_m`` the landing is given up where the pad was last seen ``lost_after_s`` ago, or its place
     is known worse than ``std_m``, or it has not come down for ``patience_s``; ``hold_after_s`` after the pad was last
@@ -69,6 +71,8 @@ class LandingConfig:
     trim_per_s: float = 2.0
     damping_s: float = 1.0
     damping_time_s: float = 0.1
+    pace_s: float = 0.15
+    pace_memory_s: float = 3.0
     trim_m_s: float = 3.0
     decision_height_m: float = 1.5
     touchdown_height_m: float = 0.35
@@ -123,6 +127,7 @@ class LandingGuidance:
         self._wanted: Float = np.zeros(3)
         self._trim: Float = np.zeros(3)
         self._seen_us: int | None = None
+        self._pace_s = 0.0
         self._vel: Float | None = None
         self._acceleration: Float = np.zeros(3)
 
@@ -138,13 +143,14 @@ class LandingGuidance:
 
     def step(self, t_us: int, pad: PadRelative | None) -> LandingCommand:
         """The command for ``t_us``, from the estimate at that time; None where there is none at all."""
-        dt_s = self._elapsed_s(t_us)
+        self._go_on_to(t_us)
         known = pad is not None and pad.mode is not PadMode.SEARCHING and bool(np.all(np.isfinite(pad.pos_ned_m)))
         if self.over:
             return self._stop()
         if pad is None or not known:
             return self._blind(t_us)
         height_m = -float(pad.pos_ned_m[2]) - self.config.gear_m
+        dt_s = self._since_last_estimate_s(t_us)
         if self._decide(t_us, pad, height_m, dt_s):
             return self._stop()
         away_m = float(np.hypot(*pad.pos_ned_m[:2]))
@@ -152,15 +158,21 @@ class LandingGuidance:
         self._aim(pad, sink_m_s, dt_s)
         return self._close(pad, dt_s, why)
 
-    def _elapsed_s(self, t_us: int) -> float:
+    def _go_on_to(self, t_us: int) -> None:
         if self._t_us is None:
-            self._t_us = self._began_us = self._lowest_us = t_us
-            return 0.0
-        if t_us < self._t_us:
+            self._began_us = self._lowest_us = t_us
+        elif t_us < self._t_us:
             message = f"a landing goes forward in time: {t_us} us is before {self._t_us} us"
             raise ValueError(message)
-        dt_s = min((t_us - self._t_us) / 1e6, _MAX_STEP_S)
         self._t_us = t_us
+
+    def _since_last_estimate_s(self, t_us: int) -> float:
+        """Since the last call with an estimate; calls without one in between are no steps of the loop."""
+        if self._seen_us is None:
+            return 0.0
+        dt_s = min((t_us - self._seen_us) / 1e6, _MAX_STEP_S)
+        forgotten = math.exp(-dt_s / self.config.pace_memory_s)
+        self._pace_s = max(dt_s, dt_s + forgotten * (self._pace_s - dt_s))
         return dt_s
 
     def _stop(self) -> LandingCommand:
@@ -251,13 +263,14 @@ class LandingGuidance:
     def _close(self, pad: PadRelative, dt_s: float, why: str) -> LandingCommand:
         config = self.config
         lacking = self._wanted - pad.vel_ned_m_s
+        share = min(1.0, config.pace_s / self._pace_s) if self._pace_s > 0.0 else 1.0
         if self.phase is not LandingPhase.TOUCHDOWN:
             # On the ground the wanted velocity is never reached, and the trim would run away.
-            more = config.trim_per_s * dt_s * lacking * _ACROSS
+            more = share * config.trim_per_s * dt_s * lacking * _ACROSS
             self._trim = np.clip(self._trim + more, -config.trim_m_s, config.trim_m_s)
         self._note_acceleration(pad.vel_ned_m_s, dt_s)
         closing = config.velocity_gain * lacking - config.damping_s * self._acceleration
-        command = self._wanted + self._trim + closing * _ACROSS
+        command = self._wanted + self._trim + share * closing * _ACROSS
         if self.phase is LandingPhase.TOUCHDOWN:
             command[2] = self._wanted[2]
         return LandingCommand(self.phase, command, self._wanted.copy(), why)

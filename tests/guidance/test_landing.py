@@ -52,13 +52,14 @@ class Descent:
             self.track.append(self.pos.copy())
             if self.guidance.over:
                 break
-            self._move(command.vel_ned_m_s)
+            self.move(command.vel_ned_m_s, 0.05)
             self.t_s += 0.05
         return self
 
-    def _move(self, command: Float) -> None:
-        self.vel = self.vel + VEHICLE_PER_S * (command - self.drift - self.vel) * 0.05
-        self.pos = self.pos + self.vel * 0.05
+    def move(self, command: Float, step_s: float) -> None:
+        """On by a step, at this set-point."""
+        self.vel = self.vel + VEHICLE_PER_S * (command - self.drift - self.vel) * step_s
+        self.pos = self.pos + self.vel * step_s
         if self.pos[2] >= -GEAR_M:
             if math.isnan(self.impact_m_s):
                 self.impact_m_s = float(self.vel[2])
@@ -73,6 +74,34 @@ def test_it_lands_on_the_middle_though_the_autopilots_own_velocity_is_wrong(drif
     assert np.hypot(*descent.pos[:2]) < 0.03
     # The skids of a light helicopter take half a metre a second.
     assert 0.1 < descent.impact_m_s < 0.3
+
+
+@pytest.mark.parametrize("pauses_s", [(0.3,), (0.5,), (0.8,), (0.05, 0.05, 0.05, 0.1, 0.4, 0.05, 1.0)])
+@pytest.mark.parametrize("behind_s", [0.05, 0.3])
+def test_a_station_that_is_slow_does_not_make_it_swing(pauses_s: tuple[float, ...], behind_s: float) -> None:
+    # A pause longer than this is bridged ten times a second without an estimate, as the station does.
+    stale_s, bridge_s, step_s = 0.3, 0.1, 0.025
+    descent, waiting = Descent(np.array([2.0, -1.5, -8.3]), (0.8, -0.5)), []
+    estimate_s = bridged_s = 0.0
+    command, pauses = np.zeros(3), 0
+    for n in range(round(120.0 / step_s)):
+        t_s = n * step_s
+        pad = seen(descent.pos, descent.vel) if t_s >= estimate_s + pauses_s[pauses % len(pauses_s)] else None
+        if pad is not None:
+            estimate_s, pauses = t_s, pauses + 1
+        if pad is not None or (t_s - estimate_s > stale_s and t_s >= bridged_s + bridge_s):
+            bridged_s = t_s
+            waiting.append((t_s + behind_s, descent.guidance.step(round(t_s * 1e6), pad).vel_ned_m_s))
+        if descent.guidance.over:
+            break
+        while waiting and waiting[0][0] <= t_s:
+            command = waiting.pop(0)[1]
+        descent.move(command, step_s)
+        descent.track.append(descent.pos.copy())
+
+    assert descent.guidance.phase is LandingPhase.LANDED
+    assert np.hypot(*descent.pos[:2]) < 0.3
+    assert np.hypot(*np.array(descent.track)[:, :2].T).max() < 5.0
 
 
 def test_phases_follow_each_other_and_the_sink_stays_within_the_profile() -> None:
