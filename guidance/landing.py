@@ -1,8 +1,9 @@
 """Coming down onto a pad: the velocity to fly from where the vehicle is relative to it. Pure, at any rate from 5 Hz.
 
 Phases: ``approach`` (level, towards the pad), ``descend`` (down within a funnel over it), ``touchdown`` (the last
-decimetres: it goes down whatever is seen), ``landed``, ``abort``. Above the decision height a pad that is lost ends the
-landing; below it the vehicle is committed and lands by dead reckoning, as in Conte's thesis (2009, figure 6.11).
+decimetres: it goes down whatever is seen), ``landed``, ``abort``, and ``hold`` for those who stand still after that.
+Above the decision height a pad that is lost ends the landing; below it the vehicle is committed and lands by dead
+reckoning, as in Conte's thesis (2009, figure 6.11).
 
 The profile is slow, as in the flight of chapter 6 there (15 m in 55 s): a constant sink, then one proportional to the
 height, then that of touchdown. Horizontally the wanted velocity is proportional to the offset, within limits of speed
@@ -16,7 +17,7 @@ the acceleration is taken off, or a helicopter, whose thrust must turn first, wo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -38,6 +39,7 @@ class LandingPhase(StrEnum):
     TOUCHDOWN = "touchdown"
     LANDED = "landed"
     ABORT = "abort"
+    HOLD = "hold"
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +115,12 @@ class LandingCommand:
 
 
 class LandingGuidance:
-    """One landing, from its begin to ``landed`` or ``abort``, which both are final."""
+    """One landing, from its begin to ``landed`` or ``abort``, which both are final.
 
-    def __init__(self, config: LandingConfig | None = None) -> None:
+    ``trim_ned_m_s`` (3,) is what an earlier landing found the autopilot's own velocity to be off by.
+    """
+
+    def __init__(self, config: LandingConfig | None = None, trim_ned_m_s: Float | None = None) -> None:
         self.config = config or LandingConfig()
         self.phase = LandingPhase.APPROACH
         self.reason = ""
@@ -125,7 +130,7 @@ class LandingGuidance:
         self._lowest_us = 0
         self._still_s = self._touchdown_s = 0.0
         self._wanted: Float = np.zeros(3)
-        self._trim: Float = np.zeros(3)
+        self._trim: Float = np.zeros(3) if trim_ned_m_s is None else np.array(trim_ned_m_s, dtype=np.float64)
         self._seen_us: int | None = None
         self._pace_s = 0.0
         self._vel: Float | None = None
@@ -135,6 +140,25 @@ class LandingGuidance:
     def over(self) -> bool:
         """Whether nothing more comes."""
         return self.phase in (LandingPhase.LANDED, LandingPhase.ABORT)
+
+    @property
+    def trim_ned_m_s(self) -> Float:
+        """What the autopilot's own velocity is found to be off by, (3,)."""
+        return self._trim.copy()
+
+    def stand(self, t_us: int, vel_ned_m_s: Float | None) -> LandingCommand:
+        """Stand still over the ground once it is aborted, by a velocity (3,) over it; None where that is not known.
+
+        Without GPS an autopilot's own hold drifts with its own velocity; here the loop around that stays closed.
+        """
+        self._go_on_to(t_us)
+        if vel_ned_m_s is None:
+            return self._stop()
+        dt_s = self._since_last_estimate_s(t_us)
+        self._seen_us = t_us
+        self._change(np.zeros(3), dt_s)
+        command = self._close(np.asarray(vel_ned_m_s, dtype=np.float64), dt_s, self.reason)
+        return replace(command, phase=LandingPhase.HOLD)
 
     def abort(self, reason: str) -> None:
         """End the landing, for a reason that the operator is told; one that is over stays as it is."""
@@ -156,7 +180,7 @@ class LandingGuidance:
         away_m = float(np.hypot(*pad.pos_ned_m[:2]))
         sink_m_s, why = self._sink_m_s(pad, height_m, away_m)
         self._aim(pad, sink_m_s, dt_s)
-        return self._close(pad, dt_s, why)
+        return self._close(pad.vel_ned_m_s, dt_s, why)
 
     def _go_on_to(self, t_us: int) -> None:
         if self._t_us is None:
@@ -253,22 +277,25 @@ class LandingGuidance:
         away_m = float(np.hypot(*offset))
         braking = math.sqrt(config.acceleration_m_s2 * away_m)
         speed = min(config.offset_gain_per_s * away_m, braking, config.speed_m_s)
-        goal = np.array((*(offset * (speed / away_m if away_m > 1e-6 else 0.0)), sink_m_s))
-        change = goal - self._wanted
+        self._change(np.array((*(offset * (speed / away_m if away_m > 1e-6 else 0.0)), sink_m_s)), dt_s)
+
+    def _change(self, goal_ned_m_s: Float, dt_s: float) -> None:
+        """The wanted velocity towards its goal, within the limit of acceleration."""
+        change = goal_ned_m_s - self._wanted
         for part in (slice(0, 2), slice(2, 3)):
             size = float(np.linalg.norm(change[part]))
-            change[part] *= min(1.0, config.acceleration_m_s2 * dt_s / size) if size > 0.0 else 0.0
+            change[part] *= min(1.0, self.config.acceleration_m_s2 * dt_s / size) if size > 0.0 else 0.0
         self._wanted = self._wanted + change
 
-    def _close(self, pad: PadRelative, dt_s: float, why: str) -> LandingCommand:
+    def _close(self, vel_ned_m_s: Float, dt_s: float, why: str) -> LandingCommand:
         config = self.config
-        lacking = self._wanted - pad.vel_ned_m_s
+        lacking = self._wanted - vel_ned_m_s
         share = min(1.0, config.pace_s / self._pace_s) if self._pace_s > 0.0 else 1.0
         if self.phase is not LandingPhase.TOUCHDOWN:
             # On the ground the wanted velocity is never reached, and the trim would run away.
             more = share * config.trim_per_s * dt_s * lacking * _ACROSS
             self._trim = np.clip(self._trim + more, -config.trim_m_s, config.trim_m_s)
-        self._note_acceleration(pad.vel_ned_m_s, dt_s)
+        self._note_acceleration(vel_ned_m_s, dt_s)
         closing = config.velocity_gain * lacking - config.damping_s * self._acceleration
         command = self._wanted + self._trim + share * closing * _ACROSS
         if self.phase is LandingPhase.TOUCHDOWN:

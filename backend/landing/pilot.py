@@ -12,7 +12,8 @@ from backend.errors import CommandRefusedError, ConflictError, StationError
 from backend.fleet.commands import take_over
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
-from backend.landing.descent import MODE_WORDS, Descent, Order, Orders
+from backend.landing.descent import MODE_WORDS, Descent, Moving, Order, Orders
+from backend.landing.messages import worst_std
 from backend.link.events import VehicleType
 from backend.link.landing_target import velocity_set_point
 from backend.schemas.vehicles import CommandBody
@@ -41,11 +42,12 @@ class LandingPilot:
         self._wires = wires
         self._config = config
         self._descents: dict[str, Descent] = {}
+        self._told: dict[str, LandingPhase] = {}
 
     def begin(self, vehicle: LiveVehicle, page: str) -> None:
         """Land a vehicle for an operator's page; the errors say why that cannot be."""
         before = self._descents.get(vehicle.id)
-        if before is not None and before.active:
+        if before is not None and before.active and before.phase is not LandingPhase.HOLD:
             raise ConflictError(f"vehicle '{vehicle.id}' is landing already: abort that first")
         link = self._wires.link_of(vehicle)
         if link is None or not vehicle.connected:
@@ -61,7 +63,9 @@ class LandingPilot:
         if pad is None or not pad.mode.known:
             why = f": {pad.reason}" if pad is not None and pad.reason else ""
             raise CommandRefusedError(f"the pad must be followed when a landing begins{why}")
-        self._descents[vehicle.id] = Descent(vehicle.autopilot, page, unix_us(), self._config_for(vehicle))
+        config, stands = self._config_for(vehicle), before if before is not None and before.active else None
+        self._descents[vehicle.id] = Descent(vehicle.autopilot, page, unix_us(), config, stands)
+        self._told.pop(vehicle.id, None)
 
     def _config_for(self, vehicle: LiveVehicle) -> LandingConfig:
         """The guidance counts how old the last picture is; the newest is as old as the estimator is behind."""
@@ -72,7 +76,7 @@ class LandingPilot:
         )  # fmt: skip
 
     def abort(self, vehicle: LiveVehicle) -> None:
-        """End a vehicle's landing on the operator's word; where there is none nothing happens."""
+        """End a vehicle's landing on the operator's word, or where that is ended its standing; else nothing happens."""
         descent = self._descents.get(vehicle.id)
         if descent is not None and descent.active:
             self._send(vehicle, descent, descent.abort("the operator ended it"))
@@ -88,7 +92,8 @@ class LandingPilot:
         """A vehicle's new state."""
         descent = self._descents.get(vehicle.id)
         if descent is not None and descent.active:
-            self._send(vehicle, descent, descent.on_state(state.t_us, state.pad, vehicle.telemetry))
+            moving = Moving(state.vel_ned_m_s, worst_std(state.cov_vel_ned_m2_s2))
+            self._send(vehicle, descent, descent.on_state(state.t_us, state.pad, moving, vehicle.telemetry))
 
     def tick(self, vehicle: LiveVehicle, page_is_there: Callable[[str, int], bool]) -> None:
         """Ten times a second."""
@@ -135,11 +140,19 @@ class LandingPilot:
             except StationError as error:
                 self._wires.tell(vehicle, "landing_order", f"'{orders.order}' could not be sent: {error}")
             link.send_soon()
-        if not descent.active:
+        if not descent.active or descent.phase is LandingPhase.HOLD:
             self._tell_end(vehicle, descent)
 
     def _tell_end(self, vehicle: LiveVehicle, descent: Descent) -> None:
+        before = self._told.get(vehicle.id)
+        if before is descent.phase:
+            return
+        self._told[vehicle.id] = descent.phase
         if descent.phase is LandingPhase.LANDED:
             self._wires.tell(vehicle, "landed", "landed on the pad")
+        elif descent.phase is LandingPhase.HOLD:
+            self._wires.tell(vehicle, "landing_aborted", f"landing ended, held by vision: {descent.reason}")
+        elif before is LandingPhase.HOLD:
+            self._wires.tell(vehicle, "hold_ended", f"held by vision no more: {descent.reason}")
         else:
             self._wires.tell(vehicle, "landing_aborted", f"landing ended: {descent.reason}")

@@ -72,10 +72,13 @@ class GazeBody(BaseModel):
 
 
 class DescentBody(BaseModel):
-    """The landing that the station flies, or flew last: how far, and why it holds or has ended."""
+    """The landing that the station flies, or flew last: how far, and why it holds or has ended.
+
+    ``hold``: it was ended in the air, and the station keeps the vehicle still over the ground until that is ended too.
+    """
 
     active: bool
-    phase: Literal["approach", "descend", "touchdown", "landed", "abort"]
+    phase: Literal["approach", "descend", "touchdown", "landed", "abort", "hold"]
     reason: str
     set_point_ned_m_s: tuple[float, float, float] | None
 

@@ -24,7 +24,7 @@ HOLD_MS, HOLDS = 10_000, 3
 LANDINGS = 3
 ON_THE_PAD_M = 1.0
 """Half the board's side: how near it lands where nothing else keeps the machine busy is in docs/results/landing.md."""
-UNDER_WAY = re.compile("DESCENDING|LANDING ENDED")
+GIVEN_UP = "HOLDING BY VISION|LANDING ENDED"
 METRES_PER_DEG = 111_320.0
 
 pytestmark = pytest.mark.timeout(300)
@@ -94,12 +94,18 @@ def test_landing(landing: Landing) -> None:
     begin(landing)
     expect(page.get_by_test_id("gaze")).to_have_attribute("aria-checked", "true", timeout=deadline.left_ms)
 
-    # One press ends it, and it can be begun again.
-    page.get_by_test_id("abort-landing").click(timeout=deadline.left_ms)
-    expect(page.get_by_test_id("landing-bar")).to_have_count(0, timeout=deadline.left_ms)
-    expect(page.get_by_test_id("descent")).to_have_text("LANDING ENDED", timeout=deadline.left_ms)
+    # One press ends it where it is, another has the vehicle hold by itself, and it can be begun again from both.
+    bar, abort, descent = (page.get_by_test_id(name) for name in ("landing-bar", "abort-landing", "descent"))
+    expect(bar).not_to_contain_text("aiting for the vehicle", timeout=deadline.left_ms)
+    abort.click(timeout=deadline.left_ms)
+    expect(bar).to_have_attribute("data-phase", "hold", timeout=deadline.left_ms)
+    expect(abort).to_have_text("END")
+    landing.photograph("2-standing")
+    abort.click(timeout=deadline.left_ms)
+    expect(bar).to_have_count(0, timeout=deadline.left_ms)
+    expect(descent).to_have_text("LANDING ENDED", timeout=deadline.left_ms)
     land_on_it(landing)
-    landing.photograph("3-landed")
+    landing.photograph("4-landed")
     assert miss_m(landing.flown) < ON_THE_PAD_M
     assert landing.errors == []
 
@@ -109,11 +115,10 @@ def land_on_it(landing: Landing) -> None:
     page, given_up = landing.page, []
     for _ in range(LANDINGS):
         begin(landing)
-        expect(page.get_by_test_id("descent")).to_have_text(UNDER_WAY, timeout=landing.deadline.left_ms)
-        landing.photograph("2-descending")
-        expect(page.get_by_test_id("descent")).to_have_attribute(
-            "data-active", "false", timeout=landing.deadline.left_ms
-        )
+        descent = page.get_by_test_id("descent")
+        expect(descent).to_have_text(re.compile(f"DESCENDING|{GIVEN_UP}"), timeout=landing.deadline.left_ms)
+        landing.photograph("3-descending")
+        expect(descent).to_have_text(re.compile(f"LANDED|{GIVEN_UP}"), timeout=landing.deadline.left_ms)
         told = landing.told()["descent"]
         if told["phase"] == "landed":
             return
@@ -138,7 +143,7 @@ def held(page: Page) -> bool:
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
     try:
-        page.get_by_test_id("landing-bar").wait_for(timeout=HOLD_MS)
+        page.locator("[data-testid=landing-bar]:not([data-phase=hold])").wait_for(timeout=HOLD_MS)
     except TimeoutError:
         return False
     finally:

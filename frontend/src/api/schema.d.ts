@@ -823,6 +823,8 @@ export interface components {
         /**
          * DescentBody
          * @description The landing that the station flies, or flew last: how far, and why it holds or has ended.
+         *
+         *     ``hold``: it was ended in the air, and the station keeps the vehicle still over the ground until that is ended too.
          */
         DescentBody: {
             /** Active */
@@ -831,7 +833,7 @@ export interface components {
              * Phase
              * @enum {string}
              */
-            phase: "approach" | "descend" | "touchdown" | "landed" | "abort";
+            phase: "approach" | "descend" | "touchdown" | "landed" | "abort" | "hold";
             /** Reason */
             reason: string;
             /** Set Point Ned M S */

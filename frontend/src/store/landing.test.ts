@@ -67,6 +67,7 @@ describe('descentWords', () => {
     expect(descentWords(descent)).toMatchObject({ text: 'DESCENDING', detail: '', tone: 'good' });
     expect(descentWords({ ...descent, reason: 'pad out of sight for 0.6 s' })).toMatchObject({ detail: 'Pad out of sight for 0.6 s.', tone: 'watch' });
     expect(descentWords({ ...descent, phase: 'touchdown' })?.text).toBe('TOUCHING DOWN');
+    expect(descentWords({ ...descent, phase: 'hold', reason: 'the operator ended it' })).toEqual({ text: 'HOLDING BY VISION', detail: 'The operator ended it.', tone: 'watch' });
   });
 
   it('says how it has ended', () => {

@@ -78,6 +78,7 @@ const PHASES: Record<NonNullable<Landing['descent']>['phase'], string> = {
   touchdown: 'TOUCHING DOWN',
   landed: 'LANDED',
   abort: 'LANDING ENDED',
+  hold: 'HOLDING BY VISION',
 };
 
 /** How far the station's landing is, or how the last one ended; null where there was none. */
@@ -85,7 +86,7 @@ export function descentWords(descent: Landing['descent']): Words | null {
   if (!descent) return null;
   const detail = descent.reason ? sentence(descent.reason) : '';
   const ended = descent.phase === 'landed' ? 'good' : 'bad';
-  return { text: PHASES[descent.phase], detail, tone: descent.active ? (detail ? 'watch' : 'good') : ended };
+  return { text: PHASES[descent.phase], detail, tone: descent.active ? (detail || descent.phase === 'hold' ? 'watch' : 'good') : ended };
 }
 
 /** Whether the autopilot is told, and else why not. */

@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 from backend.fleet.vehicle import Telemetry
-from backend.landing.descent import STALE_US, STREAM_FIRST_US, TAKEN_WITHIN_US, Descent, Order, Orders
+from backend.landing.descent import (
+    STALE_US,
+    STAND_STD_M_S,
+    STREAM_FIRST_US,
+    TAKEN_WITHIN_US,
+    Descent,
+    Moving,
+    Order,
+    Orders,
+)  # fmt: skip
 from backend.link.events import Autopilot
 from estimator.types import Float, PadMode, PadRelative
 from guidance.landing import LandingConfig, LandingPhase
@@ -34,6 +43,7 @@ class World:
     sent: list[Float] = field(default_factory=list)
     pad_mode: PadMode = PadMode.TRACKING
     age_s: float = 0.02
+    std_m_s: float = 0.03
 
     @property
     def said(self) -> Telemetry:
@@ -43,6 +53,10 @@ class World:
         level = np.array((1.0, 0.0, 0.0, 0.0))
         small = np.eye(3) * 0.02**2
         return PadRelative(self.pad_mode, self.pos.copy(), self.vel.copy(), small, small, level, self.age_s)
+
+    @property
+    def moving(self) -> Moving:
+        return Moving(self.vel.copy(), self.std_m_s)
 
     def take(self, orders: Orders) -> None:
         if orders.vel_ned_m_s is not None:
@@ -62,7 +76,7 @@ class World:
         if self.pos[2] >= -CONFIG.gear_m:
             self.pos[2], self.vel = -CONFIG.gear_m, np.zeros(3)
         if state:
-            self.take(self.descent.on_state(self.t_us, self.estimate(), self.said))
+            self.take(self.descent.on_state(self.t_us, self.estimate(), self.moving, self.said))
         self.take(self.descent.tick(self.t_us, self.said, page_there=True, connected=True))
 
     def run_until(self, seconds: float, what: object = None) -> None:
@@ -133,14 +147,62 @@ def test_whoever_takes_it_out_of_the_mode_flies_it() -> None:
     assert "left GUIDED for STABILIZE" in flown.descent.reason
 
 
-def test_the_operator_ends_it_and_it_holds() -> None:
+def test_what_the_operator_ends_stands_still_by_the_estimate_until_that_is_ended_too() -> None:
     flown = world()
     flown.run_until(60.0, LandingPhase.DESCEND)
     flown.take(flown.descent.abort("the operator ended it"))
+    for _ in range(100):
+        flown.step()
+    stood = flown.pos.copy()
+    for _ in range(400):
+        flown.step()
+
+    # Its autopilot is 0.3 m/s wrong: in twenty seconds its own hold would have drifted by six metres.
+    assert np.linalg.norm(flown.pos - stood) < 0.1
+    assert (flown.descent.phase, flown.descent.reason) == (LandingPhase.HOLD, "the operator ended it")
+    assert flown.orders == [Order.TAKE]
+
+    flown.take(flown.descent.abort("the operator ended that too"))
+    assert flown.orders == [Order.TAKE, Order.HOLD]
+    assert (flown.descent.active, flown.descent.phase) == (False, LandingPhase.ABORT)
+    assert flown.descent.reason == "the operator ended that too"
+
+
+def test_a_landing_goes_on_from_where_it_stands() -> None:
+    flown = world()
+    flown.run_until(60.0, LandingPhase.DESCEND)
+    flown.take(flown.descent.abort("the operator ended it"))
+    for _ in range(100):
+        flown.step()
+    stood = flown.pos.copy()
+    flown.descent = Descent(Autopilot.ARDUPILOT, "page", flown.t_us, CONFIG, flown.descent)
+    away = [np.linalg.norm(flown.pos[:2] - stood[:2])]
+    for _ in range(20):
+        flown.step()
+        away.append(np.linalg.norm(flown.pos[:2] - stood[:2]))
+    flown.run_until(120.0)
+
+    # What was found of the autopilot's velocity is kept: it does not sway when it is taken anew.
+    assert max(away) < 0.3
+    assert flown.descent.phase is LandingPhase.LANDED
+    assert flown.orders == [Order.TAKE, Order.TAKE, Order.LAND]
+
+
+@pytest.mark.parametrize("silent", [True, False])
+def test_where_its_velocity_is_not_known_any_more_the_vehicle_holds_by_itself(silent: bool) -> None:
+    flown = world()
+    flown.run_until(60.0, LandingPhase.DESCEND)
+    flown.take(flown.descent.abort("the operator ended it"))
+    flown.step()
+    flown.std_m_s = np.nan if silent else 2.0 * STAND_STD_M_S
+    began_us = flown.t_us
+    while flown.descent.active:
+        assert flown.t_us - began_us < 10_000_000
+        flown.step(state=not silent)
 
     assert flown.orders == [Order.TAKE, Order.HOLD]
-    assert flown.sent[-1][2] == 0.0
-    assert (flown.descent.phase, flown.descent.reason) == (LandingPhase.ABORT, "the operator ended it")
+    assert flown.t_us - began_us == pytest.approx(CONFIG.lost_after_s * 1e6, abs=2 * STEP_US)
+    assert flown.descent.reason == "the operator ended it; then its velocity was not known any more"
 
 
 @pytest.mark.parametrize(("until_m", "order"), [(4.0, Order.HOLD), (0.9, Order.LAND)])
@@ -160,9 +222,9 @@ def test_a_pad_lost_above_the_decision_height_ends_it_and_below_does_not() -> No
         while -flown.pos[2] - CONFIG.gear_m > until_m:
             flown.step()
         flown.pad_mode, flown.age_s = PadMode.DEAD_RECKONING, CONFIG.lost_after_s + 0.1
-        flown.run_until(60.0)
+        flown.run_until(60.0, LandingPhase.HOLD)
 
-    assert (high.orders[-1], high.descent.phase) == (Order.HOLD, LandingPhase.ABORT)
+    assert (high.orders, high.descent.phase) == ([Order.TAKE], LandingPhase.HOLD)
     assert "lost above" in high.descent.reason
     assert (low.orders[-1], low.descent.phase) == (Order.LAND, LandingPhase.LANDED)
 
@@ -199,6 +261,6 @@ def test_states_that_come_late_do_not_turn_time_back() -> None:
     flown.run_until(60.0, LandingPhase.DESCEND)
     later = flown.t_us + 1_000_000
     flown.take(flown.descent.tick(later, flown.said, page_there=True, connected=True))
-    flown.take(flown.descent.on_state(later - 400_000, flown.estimate(), replace(flown.said)))
+    flown.take(flown.descent.on_state(later - 400_000, flown.estimate(), flown.moving, replace(flown.said)))
 
     assert flown.descent.active

@@ -330,20 +330,44 @@ async def test_a_landing_takes_the_vehicle_over_and_flies_it_to_the_pad(tmp_path
     assert "landing already" in again.json()["detail"]
 
 
-async def test_one_press_ends_it_and_it_holds(tmp_path: Path) -> None:
+async def test_one_press_ends_it_and_it_stands_still_and_another_has_the_vehicle_hold(tmp_path: Path) -> None:
     async with scene(tmp_path, kind=Obedient) as flown:
         await landing(flown)
         answer = await flown.ask(abort=True)
+        alarm = await next_of(flown.stream, "alarm")
+        count = len(flown.pilot.of(SET_POINT))
+        async with asyncio.timeout(PATIENCE_S):
+            while len(flown.pilot.of(SET_POINT)) < count + 5:
+                flown.give(over_pad(unix_us()))
+                await asyncio.sleep(0.02)
+        stands = (await flown.ask()).json()["descent"]
+        assert flown.pilot.mode == Obedient.MODES["GUIDED"]  # type: ignore[attr-defined]
+        ended = await flown.ask(abort=True)
         await becomes(flown, "LOITER")
         count = len(flown.pilot.of(SET_POINT))
         flown.give(over_pad(unix_us()))
         await asyncio.sleep(0)
-        alarm = await next_of(flown.stream, "alarm")
+        last = await next_of(flown.stream, "alarm")
 
-    assert answer.json()["descent"]["active"] is False
+    assert (answer.json()["descent"]["active"], answer.json()["descent"]["phase"]) == (True, "hold")
     assert alarm["code"] == "landing_aborted"
-    assert "the operator ended it" in alarm["text"]
+    assert "held by vision: the operator ended it" in alarm["text"]
+    assert (stands["active"], stands["phase"]) == (True, "hold")
+    assert ended.json()["descent"]["active"] is False
+    assert last["code"] == "hold_ended"
+    assert "held by vision no more: the operator ended it" in last["text"]
     assert len(flown.pilot.of(SET_POINT)) == count
+
+
+async def test_a_landing_can_be_begun_again_where_it_stands(tmp_path: Path) -> None:
+    async with scene(tmp_path, kind=Obedient) as flown:
+        await landing(flown)
+        await flown.ask(abort=True)
+        flown.give(over_pad(unix_us()))
+        again = await flown.ask(page=PAGE, land=True)
+
+    assert again.status_code == 200, again.text
+    assert again.json()["descent"]["phase"] == "approach"
 
 
 async def test_a_landing_ends_with_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
