@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -252,9 +252,9 @@ class MapFixer:
         information = J[:, :2].T @ refinement.information[:2, :2] @ J[:, :2]
         cov_ne_m2 = np.asarray(np.linalg.inv(information + np.eye(2) * 1e-6), dtype=np.float64)
         self._follow_map(eskf, config.noise_inflation**2 * cov_ne_m2, match.footprint_m)
-        inflation = config.noise_inflation * np.sqrt(doubt)
-        own = terrain_fix.PoseNoise(inflation * np.sqrt(config.white_share), inflation)
-        noise = replace(own, shape=own.shape / np.sqrt(weight))
+        white, inflation = np.sqrt(config.white_share), config.noise_inflation * np.sqrt(doubt)
+        own = terrain_fix.PoseNoise(config.noise_inflation * white, config.noise_inflation)
+        noise = terrain_fix.PoseNoise(inflation * white, inflation / np.sqrt(weight))
         innovation = terrain_fix.pose(refinement, T, match.centre_ned_m, pose.pos_ned_m, noise, own)
         if innovation is None:
             return "the picture says nothing of the pose"
@@ -280,13 +280,14 @@ class MapFixer:
         inflation = config.slices_inflation if sliced else config.density_inflation
         cov_ne_m2 = increment.cov_ne_m2 * inflation**2
         self._follow_map(eskf, cov_ne_m2[:2, :2], match.footprint_m)
-        cov_ne_m2 = cov_ne_m2 * self._doubt(match)
-        R, R_one = (self._noise(eskf, cov_ne_m2[:2, :2], counts) for counts in (weight, 1.0))
+        right_m2, cov_ne_m2 = cov_ne_m2, cov_ne_m2 * self._doubt(match)
+        R = self._noise(eskf, cov_ne_m2[:2, :2], weight)
+        R_one = self._noise(eskf, right_m2[:2, :2], 1.0)
         if sliced:
             H = np.vstack((H, lever_m * _heading_jacobian(eskf, camera)))
             predicted = np.append(predicted, 0.0)
             R = self._with_heading_noise(R, cov_ne_m2, weight, lever_m)
-            R_one = self._with_heading_noise(R_one, cov_ne_m2, 1.0, lever_m)
+            R_one = self._with_heading_noise(R_one, right_m2, 1.0, lever_m)
         whole = Innovation(increment.position_ne_m - predicted, H, R, R_one)
         innovation = _informative(whole, eskf.P, cov_ne_m2, config.least_information)
         if innovation is None:
@@ -297,7 +298,11 @@ class MapFixer:
         return None
 
     def _doubt(self, match: Match) -> float:
-        """How many times as large the variance of a match is because it may be wrong."""
+        """How many times as large the variance of a match is because it may be wrong.
+
+        What one that is right may be off by, which its innovation is gated and tallied by, is without it (Bar-Shalom
+        and Tse: a gate is of the right ones).
+        """
         return 1.0 / max(1.0 - match.outlier_probability, LEAST_RIGHT) if self.config.by_probability else 1.0
 
     def _with_heading_noise(self, R: Float, cov: Float, weight: float, lever_m: float) -> Float:

@@ -59,8 +59,8 @@ class MapFixConfig:
     noise_inflation: float = 3.0
     density_inflation: float = 0.8
     slices_inflation: float = 1.25
-    white_share: float = 0.07
-    regional_share: float = 0.42
+    white_share: float = 0.15
+    regional_share: float = 0.3
     local_share: float = 1.0
     least_information: float = 0.01
     min_agreement: float = 0.4
@@ -68,7 +68,7 @@ class MapFixConfig:
     map_bias_memory: float = 0.9
     map_region_memory: float = 0.95
     min_map_bias_m: float = 0.05
-    max_map_bias_m: float = 1.0
+    max_map_bias_m: float = 2.0
     max_outlier_probability: float = 0.99
     min_unimodality: float = 0.9
     max_lost_probability: float = 0.5
