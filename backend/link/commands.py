@@ -13,6 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
+from backend.link.dialect import command_name
 from backend.link.events import CommandResult, CommandStatus
 
 _ACK_TIMEOUT_US = 1_500_000
@@ -155,8 +156,7 @@ class CommandChannel:
         self, t_us: int, running: _Running, status: CommandStatus, progress_pct: int | None = None
     ) -> CommandResult:
         number = running.step.command
-        entry = _dialect.enums["MAV_CMD"].get(number)
-        name = entry.name.removeprefix("MAV_CMD_") if entry is not None else f"command {number}"
+        name = command_name(number)
         what = {
             CommandStatus.TIMEOUT: "no answer from the vehicle",
             CommandStatus.ACCEPTED: "accepted",

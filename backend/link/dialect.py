@@ -46,6 +46,12 @@ def message_layouts() -> dict[int, MessageLayout]:
     return {msg_id: _layout(msg_id, message) for msg_id, message in MESSAGES.items()}
 
 
+def command_name(number: int) -> str:
+    """A MAV_CMD's name without its prefix."""
+    entry = _dialect.enums["MAV_CMD"].get(number)
+    return f"command {number}" if entry is None else str(entry.name).removeprefix("MAV_CMD_")
+
+
 class _Decoder:
     """Turns payload bytes of one message type into pymavlink's message object."""
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from estimator.types import Sample
+from guidance.mission import MissionItem, MissionType
 
 
 class Autopilot(StrEnum):
@@ -187,6 +188,40 @@ class CommandResult:
         return self.status is not CommandStatus.IN_PROGRESS
 
 
+class TransferAction(StrEnum):
+    """What is done with one of a vehicle's lists of items."""
+
+    UPLOAD = "upload"
+    DOWNLOAD = "download"
+    CLEAR = "clear"
+
+
+@dataclass(frozen=True, slots=True)
+class TransferNews:
+    """News of a transfer begun with ``VehicleLink.transfer``: ``done`` of ``total`` items, as the vehicle counts them.
+
+    ``items`` are those of a download that was accepted. ``unconfirmed``: the vehicle has taken every item of an upload,
+    only its last word is missing, so that reading back will tell.
+    """
+
+    t_us: int
+    system_id: int
+    transfer_id: int
+    action: TransferAction
+    kind: MissionType
+    status: CommandStatus
+    text: str
+    done: int = 0
+    total: int = 0
+    items: tuple[MissionItem, ...] = ()
+    unconfirmed: bool = False
+
+    @property
+    def final(self) -> bool:
+        """Whether nothing more comes for this transfer."""
+        return self.status is not CommandStatus.IN_PROGRESS
+
+
 @dataclass(frozen=True, slots=True)
 class LinkStats:
     """The state of the link to one vehicle over the last second, and totals since it appeared.
@@ -228,5 +263,6 @@ LinkEvent = (
     | TelemetrySpeed
     | StatusText
     | CommandResult
+    | TransferNews
     | LinkStats
 )

@@ -10,11 +10,12 @@ from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
 from backend.link import telemetry
 from backend.link.commands import CommandStep
-from backend.link.events import LinkEvent, VehicleRebooted, VehicleReturned
+from backend.link.events import LinkEvent, TransferAction, VehicleRebooted, VehicleReturned
 from backend.link.framing import MavlinkFramer, Noise, RawPacket
 from backend.link.gimbals import pitch_yaw, release_control, take_control
 from backend.link.rates import DEFAULT_RATES_HZ
 from backend.link.vehicle import Vehicle
+from guidance.mission import MissionItem, MissionType
 
 _HEARTBEAT_PERIOD_US = 1_000_000
 _TIMESYNC_PERIOD_US = 1_000_000
@@ -141,6 +142,19 @@ class VehicleLink:
             raise NoTrackerError(system_id)
         return command_id
 
+    def transfer(
+        self, system_id: int, action: TransferAction, kind: MissionType, items: Sequence[MissionItem] = ()
+    ) -> int:
+        """Begin to move one of a vehicle's lists of items; its ``TransferNews`` events carry the id given here.
+
+        ``items`` are an upload's, as the vehicle counts them. Raises UnknownVehicleError for a vehicle that was never
+        heard, ValueError for an upload of nothing.
+        """
+        vehicle = self._known(system_id)
+        transfer_id = next(self._command_ids)
+        vehicle.transfer(transfer_id, action, kind, items)
+        return transfer_id
+
     def request_rate(self, system_id: int, msg_id: int, rate_hz: float) -> None:
         """Ask a vehicle for one more message. Raises UnknownVehicleError as ``command`` does."""
         self._known(system_id).request_rate(msg_id, rate_hz, next(self._command_ids))
@@ -187,6 +201,8 @@ class VehicleLink:
         if vehicle is None:
             return events
         made = vehicle.receive(packet, t_us)
+        for message in vehicle.answers():
+            self._send(message)
         if any(isinstance(event, VehicleReturned | VehicleRebooted) for event in made) and self._rates_hz:
             vehicle.request_rates(self._next_command_id)
         return events + made
@@ -197,7 +213,7 @@ class VehicleLink:
         if message.autopilot == _AUTOPILOT_INVALID or message.type == _TYPE_GCS or packet.system_id == 0:
             return None
         first = telemetry.heartbeat(message, t_us, packet.system_id)
-        vehicle = Vehicle(first, packet.component_id, self._rates_hz)
+        vehicle = Vehicle(first, packet.component_id, self._rates_hz, (self.system_id, self.component_id))
         self._vehicles[packet.system_id] = vehicle
         events.append(vehicle.appeared(t_us))
         if self._rates_hz:

@@ -18,6 +18,7 @@ from backend.link.events import (
     SampleEvent,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
+    TransferAction,
     VehicleAppeared,
     VehicleLost,
     VehicleRebooted,
@@ -25,10 +26,13 @@ from backend.link.events import (
 )
 from backend.link.framing import RawPacket
 from backend.link.gimbals import Gimbals
+from backend.link.missions import MESSAGES as MISSION_MESSAGES
+from backend.link.missions import MissionChannel
 from backend.link.rates import RateRequests
 from backend.link.samples import SMALLEST_UNIX_US, SampleMaker
 from backend.link.stats import PacketStats
 from backend.link.timebase import BootClock
+from guidance.mission import MissionItem, MissionType
 
 LOST_AFTER_US = 5_000_000
 _STATS_PERIOD_US = 1_000_000
@@ -41,9 +45,15 @@ _BOOT_TIME_BYTES = {26: 4, 29: 4, 30: 4, 31: 4, 33: 4, 285: 4, 265: 4, 27: 8, 10
 
 
 class Vehicle:
-    """The link's side of one system id; made when its autopilot's first heartbeat comes."""
+    """The link's side of one system id; made when its autopilot's first heartbeat comes.
 
-    def __init__(self, first: TelemetryHeartbeat, component_id: int, rates_hz: Mapping[int, float] | None) -> None:
+    ``station`` is the system and component id that it is spoken to from.
+    """
+
+    def __init__(
+        self, first: TelemetryHeartbeat, component_id: int, rates_hz: Mapping[int, float] | None,
+        station: tuple[int, int] = (255, 190),
+    ) -> None:  # fmt: skip
         self.system_id = first.system_id
         self.component_id = component_id
         self.autopilot = first.autopilot
@@ -57,6 +67,7 @@ class Vehicle:
         self._gimbal_clocks: dict[int, BootClock] = {}
         self._texts = telemetry.StatusTexts(self.system_id)
         self._commands = CommandChannel(self.system_id, component_id)
+        self._missions = MissionChannel(self.system_id, component_id, station)
         self._cameras = Cameras(self.system_id, component_id)
         self.gimbals = Gimbals(component_id)
         self._rates = RateRequests(rates_hz or {})
@@ -122,6 +133,7 @@ class Vehicle:
         if clock.reboots > reboots and clock is self.clock:
             self.stats.forget_sequence()
             events.append(VehicleRebooted(t_us, self.system_id))
+            events += self._missions.restarted(t_us)
 
     def _on_heartbeat(self, m: Any, _component_id: int, t_us: int) -> Iterator[LinkEvent]:
         heartbeat = telemetry.heartbeat(m, t_us, self.system_id)
@@ -151,7 +163,20 @@ class Vehicle:
     def _on_command_ack(self, m: Any, _component_id: int, t_us: int) -> list[LinkEvent]:
         return self._report(self._commands.acknowledge(m, t_us))
 
+    def _on_mission(self, m: Any, _component_id: int, t_us: int) -> list[LinkEvent]:
+        return list(self._missions.receive(m, t_us))
+
+    def answers(self) -> list[Any]:
+        """Messages that answer what was received; each is given once."""
+        return self._missions.take_messages()
+
     # --- asking ---
+
+    def transfer(
+        self, transfer_id: int, action: TransferAction, kind: MissionType, items: Sequence[MissionItem]
+    ) -> None:
+        """Queue a transfer of one of its lists of items; ValueError as ``MissionChannel.start``."""
+        self._missions.start(transfer_id, action, kind, items)
 
     def command(self, command_id: int, steps: Sequence[CommandStep]) -> None:
         """Queue a command of the user."""
@@ -208,9 +233,12 @@ class Vehicle:
             self.stats.forget_sequence()
             events.append(VehicleLost(t_us, self.system_id, self.last_heartbeat_us))
             events += self._report(self._commands.abandon(t_us))
+            events += self._missions.abandon(t_us)
             events += self._cameras.abandon(t_us)
         messages, results = self._commands.tick(t_us)
         events += self._report(results)
+        events += self._missions.tick(t_us)
+        messages += self._missions.take_messages()
         to_cameras, of_cameras = self._cameras.tick(t_us)
         messages += to_cameras
         events += of_cameras
@@ -223,6 +251,7 @@ class Vehicle:
         self.last_heartbeat_us = min(self.last_heartbeat_us, t_us)
         self._next_stats_us = t_us
         self._commands.clock_set_back(t_us)
+        self._missions.clock_set_back(t_us)
         self._cameras.clock_set_back(t_us)
 
     def due_stats(self, t_us: int, noise_bytes: int, unknown_packets: int) -> list[LinkEvent]:
@@ -261,4 +290,5 @@ _HANDLERS: dict[int, Callable[[Vehicle, Any, int, int], Any]] = {
     _COMMAND_ACK: Vehicle._on_command_ack,
     _LOCAL_POSITION_NED: Vehicle._on_local_position,
     telemetry.STATUSTEXT: Vehicle._on_status_text,
+    **dict.fromkeys(MISSION_MESSAGES, Vehicle._on_mission),
 }
