@@ -11,6 +11,7 @@ from estimator.geometry.local import LocalFrame
 from estimator.types import Float
 from simulator.gimbal_manager import CONFIGURE, PITCH_YAW, GimbalManager
 from simulator.mavlink_input import messages_in
+from simulator.mission_store import KINDS, MissionStore
 from simulator.random_streams import rng_for
 from simulator.sensors.gnss import GnssFix, GnssReceiver
 from simulator.set_points import target_of, velocity_of
@@ -67,6 +68,7 @@ class Autopilot:
         self._system_id, self._gimbal = system_id, gimbal
         self.on_ground = False
         self._outbox: list[bytes] = []
+        self._missions = MissionStore(lambda message: self._outbox.append(telemetry.pack(message)))
         self.armed = True
         self.say(mavlink.MAV_SEVERITY_INFO, "Simulated helicopter ready")
 
@@ -75,8 +77,9 @@ class Autopilot:
         message = mavlink.MAVLink_statustext_message(severity, text.encode()[:50])
         self._outbox.append(self._telemetry.pack(message))
 
-    def take_outbox(self) -> list[bytes]:
-        """Answers that wait to be sent."""
+    def take_outbox(self, t_boot_us: int) -> list[bytes]:
+        """What waits to be sent at a time since boot: answers, and requests that were not answered."""
+        self._missions.step(t_boot_us)
         waiting, self._outbox = self._outbox, []
         return waiting
 
@@ -94,11 +97,9 @@ class Autopilot:
                 self._set_mode(float(message.custom_mode), state)
             elif kind == "REQUEST_DATA_STREAM" and message.start_stop == 0:
                 continue
-            elif kind == "MISSION_REQUEST_LIST" and message.target_system == self._system_id:
-                count = mavlink.MAVLink_mission_count_message(
-                    message.get_srcSystem(), message.get_srcComponent(), 0, message.mission_type
-                )
-                self._outbox.append(self._telemetry.pack(count))
+            elif kind in KINDS:
+                if message.target_system == self._system_id:
+                    self._missions.receive(message, now.t_boot_us)
             else:
                 self._stream(kind, message, state, now)
 

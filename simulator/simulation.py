@@ -145,7 +145,7 @@ class Simulation:
         if self._steps % _IMU_STEPS == 0:
             now = self._sense(state)
             packets = self._telemetry.due(now)
-        packets += self.autopilot.take_outbox()
+        packets += self.autopilot.take_outbox(t_us + _BOOTED_BEFORE_US)
         return StepOutput(self._start_unix_us + t_us, packets, self._exposure(state))
 
     def _fly(self, t_us: int, dt_s: float) -> VehicleState:
