@@ -12,6 +12,8 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateForFrameError  the vehicle's state at the frame's exposure is not known
   NoStateYetError       the vehicle's estimator has no state yet
   NoPadError            no landing pad is described
+  NoPlanError           no plan is kept for the vehicle
+  PlanFileError         a mission plan that cannot be used, and where in it
   NoGroundError         the ray of a click meets no ground
   CannotFollowTargetError  what a click shows cannot be followed
   AlignmentRefusedError an operator's alignment of a frame that cannot be meant
@@ -121,6 +123,26 @@ class NoPadError(StationError):
         super().__init__("no landing pad is described: PUT its file to /api/v1/pad, or start with --pad PAD.json")
 
 
+class NoPlanError(StationError):
+    """No plan is kept for the vehicle."""
+
+    def __init__(self, vehicle_id: str) -> None:
+        self.vehicle_id = vehicle_id
+        super().__init__(
+            f"no plan is kept for vehicle '{vehicle_id}': PUT one to /api/v1/vehicles/{vehicle_id}/plan, or download "
+            "the vehicle's"
+        )
+
+
+class PlanFileError(StationError):
+    """A mission plan cannot be used: ``where`` in it, and ``reason``."""
+
+    def __init__(self, where: str, reason: str) -> None:
+        self.where = where
+        self.reason = reason
+        super().__init__(f"{where}: {reason}")
+
+
 class NoGroundError(StationError):
     """The ray of a click meets no ground."""
 
@@ -209,6 +231,8 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoStateForFrameError: HTTPStatus.CONFLICT,
     NoStateYetError: HTTPStatus.CONFLICT,
     NoPadError: HTTPStatus.NOT_FOUND,
+    NoPlanError: HTTPStatus.NOT_FOUND,
+    PlanFileError: HTTPStatus.UNPROCESSABLE_ENTITY,
     NoGroundError: HTTPStatus.UNPROCESSABLE_ENTITY,
     CannotFollowTargetError: HTTPStatus.UNPROCESSABLE_ENTITY,
     AlignmentRefusedError: HTTPStatus.UNPROCESSABLE_ENTITY,

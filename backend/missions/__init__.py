@@ -1,0 +1,1 @@
+"""Mission plans: their files, and what is done with them and a vehicle."""

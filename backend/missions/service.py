@@ -1,0 +1,168 @@
+"""Plans of the station's vehicles: kept here, sent to them, fetched from them. Lives on the event loop."""
+
+from __future__ import annotations
+
+import asyncio
+import uuid
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from backend.errors import CommandRefusedError, ConflictError, InvalidRequestError, StationError
+from backend.fleet.links import LinkEndpoint
+from backend.fleet.vehicle import LiveVehicle
+from backend.link.events import Autopilot, CommandStatus, TransferNews
+from backend.missions.operation import Downloaded, End, Fetching, Sending, Step
+from backend.missions.parts import items_of_part
+from backend.missions.plan import Plan
+from backend.missions.plan_file import document_of, plan_of, read_plan
+from backend.missions.shelf import PlanShelf
+from guidance.geofence import InclusionRule
+from guidance.mission import MissionType
+
+
+@dataclass(slots=True)
+class _Running:
+    """One operation; ``before`` is the kept plan that a download may replace."""
+
+    command_id: str
+    command: str
+    vehicle: LiveVehicle
+    link: LinkEndpoint
+    work: Sending | Fetching
+    before: Plan | None = None
+    transfer_id: int = -1
+
+
+class Missions:
+    """One operation a vehicle at a time; how it goes on is told by ``say`` as ``ack`` messages, as of commands."""
+
+    def __init__(
+        self, folder: Path, link_of: Callable[[LiveVehicle], LinkEndpoint | None], say: Callable[..., None]
+    ) -> None:
+        self._shelf = PlanShelf(folder)
+        self._link_of = link_of
+        self._say = say
+        self._running: dict[str, _Running] = {}
+        self._keeping: set[asyncio.Task[None]] = set()
+
+    async def plan(self, vehicle_id: str) -> Plan:
+        """The kept plan; its errors are those of ``PlanShelf.get``."""
+        return await asyncio.to_thread(self._shelf.get, vehicle_id)
+
+    async def keep(self, vehicle_id: str, content: bytes) -> Plan:
+        """Keep the plan of a file in place of the one before; PlanFileError says what is wrong with it."""
+        return await asyncio.to_thread(self._read_and_keep, vehicle_id, content)
+
+    async def remove(self, vehicle_id: str) -> None:
+        """Keep no plan any more; the vehicle's own is not touched."""
+        await asyncio.to_thread(self._shelf.remove, vehicle_id)
+
+    async def upload(self, vehicle: LiveVehicle, parts: Sequence[MissionType] | None) -> str:
+        """Begin to send the kept plan; returns the id of its acknowledgements.
+
+        Without ``parts`` it is all that the plan has. A part that is named and empty is cleared on the vehicle.
+        """
+        plan = await self.plan(vehicle.id)
+        try:
+            found = {kind: items_of_part(plan, kind, vehicle.autopilot) for kind in MissionType}
+        except ValueError as error:
+            raise CommandRefusedError(f"the plan cannot be sent: {error}") from None
+        wanted = [kind for kind in MissionType if (found[kind] if parts is None else kind in parts)]
+        if not wanted:
+            raise InvalidRequestError("the plan is empty: to clear the vehicle's, DELETE …/plan/vehicle")
+        return self._begin(vehicle, "plan_upload", Sending([(kind, found[kind]) for kind in wanted], vehicle.autopilot))
+
+    async def download(self, vehicle: LiveVehicle, *, replace: bool) -> str:
+        """Begin to fetch what the vehicle holds, to be kept; ConflictError when that would replace a plan."""
+        before = await asyncio.to_thread(self._shelf.find, vehicle.id)
+        if before is not None and not replace:
+            raise ConflictError(
+                f"a plan is kept for vehicle '{vehicle.id}': say \"replace\": true to have the vehicle's in its place"
+            )
+        return self._begin(vehicle, "plan_download", Fetching(vehicle.autopilot), before)
+
+    def clear(self, vehicle: LiveVehicle, parts: Sequence[MissionType]) -> str:
+        """Begin to clear lists of the vehicle; the kept plan stays."""
+        return self._begin(vehicle, "plan_clear", Sending([(kind, ()) for kind in parts], vehicle.autopilot))
+
+    def on_transfer(self, endpoint: str, news: TransferNews) -> None:
+        """Take news of a transfer from a link."""
+        run = self._running.get(str(news.system_id))
+        if run is None or run.link.name != endpoint or run.transfer_id != news.transfer_id:
+            return
+        if not news.final:
+            back = isinstance(run.work, Sending) and news.action == "download"
+            self._tell(run, CommandStatus.IN_PROGRESS, f"{news.text}{' read back' if back else ''}")
+            return
+        match run.work.take(news):
+            case Step() as step:
+                self._transfer(run, step)
+            case End(status=status, text=text):
+                self._end(run, status, text)
+            case Downloaded() as found:
+                task = asyncio.create_task(self._keep_downloaded(run, found))
+                self._keeping.add(task)
+                task.add_done_callback(self._keeping.discard)
+
+    async def close(self) -> None:
+        """Wait for what is being kept."""
+        await asyncio.gather(*self._keeping, return_exceptions=True)
+
+    def _begin(self, vehicle: LiveVehicle, command: str, work: Sending | Fetching, before: Plan | None = None) -> str:
+        if vehicle.id in self._running:
+            running = self._running[vehicle.id].command
+            raise ConflictError(f"vehicle '{vehicle.id}' is in the middle of {running}: wait for its acknowledgement")
+        link = self._link_of(vehicle)
+        if link is None or not vehicle.connected:
+            raise CommandRefusedError(f"vehicle '{vehicle.id}' is not connected")
+        run = _Running(str(uuid.uuid4()), command, vehicle, link, work, before)
+        self._running[vehicle.id] = run
+        self._transfer(run, work.begin())
+        link.send_soon()
+        return run.command_id
+
+    def _transfer(self, run: _Running, step: Step) -> None:
+        run.transfer_id = run.link.link.transfer(run.vehicle.system_id, step.action, step.kind, step.items)
+
+    async def _keep_downloaded(self, run: _Running, found: Downloaded) -> None:
+        try:
+            text = await asyncio.to_thread(self._keep_found, run, found)
+        except StationError as error:
+            self._end(run, CommandStatus.FAILED, str(error))
+        else:
+            self._end(run, CommandStatus.ACCEPTED, text)
+
+    def _keep_found(self, run: _Running, found: Downloaded) -> str:
+        now = self._shelf.find(run.vehicle.id)
+        if (now is None) != (run.before is None) or (
+            now is not None and run.before is not None and now.document != run.before.document
+        ):
+            raise ConflictError("the kept plan was changed meanwhile, so it was not replaced: download again")
+        autopilot, vehicle_type = run.vehicle.autopilot, run.vehicle.vehicle_type
+        plan = plan_of(document_of(found.mission, found.fence, found.rally, autopilot, vehicle_type))
+        self._shelf.keep(run.vehicle.id, plan)
+        text = (
+            f"kept: mission of {len(found.mission.items)} items, fence of {len(found.fence.zones)} zones, "
+            f"{len(found.rally)} rally points"
+        )
+        return text + "".join(f"; the vehicle supports no {name}" for name in found.unsupported)
+
+    def _end(self, run: _Running, status: CommandStatus, text: str) -> None:
+        self._running.pop(run.vehicle.id, None)
+        self._tell(run, status, text)
+
+    def _tell(self, run: _Running, status: CommandStatus, text: str) -> None:
+        fields: dict[str, Any] = {"command_id": run.command_id, "vehicle_id": run.vehicle.id, "command": run.command}
+        self._say("ack", **fields, status=str(status), text=text)
+
+    def _read_and_keep(self, vehicle_id: str, content: bytes) -> Plan:
+        plan = read_plan(content)
+        self._shelf.keep(vehicle_id, plan)
+        return plan
+
+
+def rule_of(autopilot: Autopilot) -> InclusionRule:
+    """How an autopilot takes several zones to stay inside of; where it is not known, the stricter way."""
+    return InclusionRule.ANY if autopilot is Autopilot.PX4 else InclusionRule.ALL
