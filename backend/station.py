@@ -44,6 +44,7 @@ from backend.hub import Hub
 from backend.landing.service import Landings
 from backend.mapping import StationMaps
 from backend.metrics import Metrics
+from backend.missions.service import Missions
 from backend.navigation.setup import CameraProfile, NavigationSetup, read_camera_profile
 from backend.navigation.worker import StateUpdate
 from backend.playback.replays import Replays
@@ -85,6 +86,7 @@ class Station:
             settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command,
             settings.gear_height_m,
         )  # fmt: skip
+        self.missions = Missions(settings.data_dir / "plans", self._link_of, self.hub.publish)
         self.placing = Placing(
             self.maps, settings.time_offset_s, lambda: self.profile,
             lambda: None if self.camera is None else self.camera.size_px, lambda: self.landings.pads.pad,
@@ -93,7 +95,7 @@ class Station:
         self.fleet = Fleet(
             settings.estimator_delay_ms * 1000, self.hub.publish,
             on_heard=self._on_heard, on_place=self.placing.place, on_state=self._on_state,
-            on_reports=self._on_reports,
+            on_reports=self._on_reports, on_transfer=self.missions.on_transfer,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
         self.refiner = Refiner(lambda: self.targets, self.evidence, self.metrics, self._tell_changed)
@@ -166,6 +168,7 @@ class Station:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
         await self.landings.close()
+        await self.missions.close()
         await self._ticker.stop()
         await self.placing.close()
         if self.recorder.status.active:

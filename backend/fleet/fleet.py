@@ -19,6 +19,7 @@ from backend.link.events import (
     TelemetryLocalPosition,
     TelemetryPosition,
     TelemetrySpeed,
+    TransferNews,
     VehicleAppeared,
     VehicleLost,
     VehicleRebooted,
@@ -37,7 +38,8 @@ class Fleet:
     """Vehicles by id. Each belongs to the endpoint that it was last alive on.
 
     What has to be told to others goes to ``say(kind, **fields)``, a new vehicle to ``on_heard``, and a vehicle whose
-    estimator can be set up, now that it is known where it is or has long not been, to ``on_place``.
+    estimator can be set up, now that it is known where it is or has long not been, to ``on_place``. News of mission
+    transfers go to ``on_transfer`` with the endpoint that they ran on, whichever the vehicle belongs to by then.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class Fleet:
         on_place: Callable[[LiveVehicle, Place | None], None],
         on_state: Callable[[LiveVehicle, StateUpdate], None],
         on_reports: Callable[[LiveVehicle, list[FixReport]], None],
+        on_transfer: Callable[[str, TransferNews], None] = lambda *_: None,
     ) -> None:  # fmt: skip
         self.vehicles: dict[str, LiveVehicle] = {}
         self.link_stats: dict[str, dict[str, Any]] = {}
@@ -55,12 +58,16 @@ class Fleet:
         self._on_place = on_place
         self._on_state = on_state
         self._on_reports = on_reports
+        self._on_transfer = on_transfer
         self._commands: dict[tuple[str, int], tuple[str, str]] = {}
 
     def take(self, endpoint: str, event: LinkEvent) -> None:
         """Fold one event of a link."""
         if isinstance(event, VehicleAppeared):
             self._appeared(endpoint, event)
+            return
+        if isinstance(event, TransferNews):
+            self._on_transfer(endpoint, event)
             return
         vehicle = self.vehicles.get(str(event.system_id))
         if vehicle is None:

@@ -258,6 +258,94 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/plan": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Plan
+         * @description The plan kept for a vehicle, or its file: what was put, with what is not understood here.
+         */
+        get: operations["get_plan_api_v1_vehicles__vehicle_id__plan_get"];
+        /**
+         * Put Plan
+         * @description Keep a plan for a vehicle, heard or not. It is sent by ``POST …/plan/upload`` only.
+         */
+        put: operations["put_plan_api_v1_vehicles__vehicle_id__plan_put"];
+        post?: never;
+        /**
+         * Delete Plan
+         * @description Keep no plan for a vehicle; what the vehicle itself holds stays.
+         */
+        delete: operations["delete_plan_api_v1_vehicles__vehicle_id__plan_delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/plan/upload": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Upload Plan
+         * @description Send the kept plan to the vehicle and read it back; ``ack`` messages on the stream say how that goes and ends.
+         */
+        post: operations["upload_plan_api_v1_vehicles__vehicle_id__plan_upload_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/plan/download": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Download Plan
+         * @description Fetch what the vehicle holds and keep it as its plan; ``ack`` messages on the stream say how that ends.
+         */
+        post: operations["download_plan_api_v1_vehicles__vehicle_id__plan_download_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/plan/vehicle": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        post?: never;
+        /**
+         * Clear Vehicle
+         * @description Clear what the vehicle itself holds; ``ack`` messages on the stream say how that ends.
+         */
+        delete: operations["clear_vehicle_api_v1_vehicles__vehicle_id__plan_vehicle_delete"];
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/locate": {
         parameters: {
             query?: never;
@@ -844,6 +932,17 @@ export interface components {
             ] | null;
         };
         /**
+         * DownloadRequest
+         * @description Whether what the vehicle holds may replace the kept plan.
+         */
+        DownloadRequest: {
+            /**
+             * Replace
+             * @default false
+             */
+            replace: boolean;
+        };
+        /**
          * EllipseBody
          * @description A horizontal 95 % error ellipse; azimuth of the major axis from north.
          */
@@ -854,6 +953,30 @@ export interface components {
             semi_minor_m: number;
             /** Azimuth Deg */
             azimuth_deg: number;
+        };
+        /**
+         * FenceCircleBody
+         * @description A circle to stay inside of, or outside of.
+         */
+        FenceCircleBody: {
+            /** Inclusion */
+            inclusion: boolean;
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            /** Radius M */
+            radius_m: number;
+        };
+        /**
+         * FencePolygonBody
+         * @description A polygon to stay inside of, or outside of.
+         */
+        FencePolygonBody: {
+            /** Inclusion */
+            inclusion: boolean;
+            /** Vertices */
+            vertices: components["schemas"]["VertexBody"][];
         };
         /**
          * FlightBody
@@ -937,6 +1060,18 @@ export interface components {
             status: "ok";
             /** Version */
             version: string;
+        };
+        /**
+         * HomeBody
+         * @description A place on WGS-84.
+         */
+        HomeBody: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            /** Alt Amsl M */
+            alt_amsl_m: number;
         };
         /**
          * LandingBody
@@ -1161,6 +1296,32 @@ export interface components {
             radius_m: number;
         };
         /**
+         * MissionItemBody
+         * @description An item: ``params`` are parameters 1 to 7, null where the vehicle chooses; ``alt_m`` counts from ``datum``.
+         */
+        MissionItemBody: {
+            /** Number */
+            number: number;
+            /** Command */
+            command: number;
+            /** Name */
+            name: string;
+            /** Frame */
+            frame: number;
+            /** Params */
+            params: (number | null)[];
+            /** Auto Continue */
+            auto_continue: boolean;
+            /** Lat Deg */
+            lat_deg: number | null;
+            /** Lon Deg */
+            lon_deg: number | null;
+            /** Alt M */
+            alt_m: number | null;
+            /** Datum */
+            datum: ("amsl" | "home" | "ground") | null;
+        };
+        /**
          * NavigationBody
          * @description What the estimator may use.
          */
@@ -1221,6 +1382,26 @@ export interface components {
             };
         };
         /**
+         * PlanBody
+         * @description The plan kept for a vehicle; ``warnings`` are what an operator should look at before it is sent.
+         */
+        PlanBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            home: components["schemas"]["HomeBody"] | null;
+            /** Items */
+            items: components["schemas"]["MissionItemBody"][];
+            /** Polygons */
+            polygons: components["schemas"]["FencePolygonBody"][];
+            /** Circles */
+            circles: components["schemas"]["FenceCircleBody"][];
+            breach_return: components["schemas"]["HomeBody"] | null;
+            /** Rally */
+            rally: components["schemas"]["RallyPointBody"][];
+            /** Warnings */
+            warnings: string[];
+        };
+        /**
          * PointGeometry
          * @description RFC 7946: longitude first; the third coordinate is height above mean sea level.
          */
@@ -1233,6 +1414,18 @@ export interface components {
             type: "Point";
             /** Coordinates */
             coordinates: number[];
+        };
+        /**
+         * RallyPointBody
+         * @description A place to wait or land at instead of home.
+         */
+        RallyPointBody: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
+            /** Alt Rel M */
+            alt_rel_m: number;
         };
         /**
          * Readiness
@@ -1604,6 +1797,14 @@ export interface components {
             times_unix_us: number[];
         };
         /**
+         * UploadRequest
+         * @description What to send of the plan: all that it has when ``parts`` is not given. A part that is named and empty clears.
+         */
+        UploadRequest: {
+            /** Parts */
+            parts?: ("mission" | "fence" | "rally")[] | null;
+        };
+        /**
          * VehicleBody
          * @description A vehicle in the list.
          */
@@ -1622,6 +1823,16 @@ export interface components {
             video_source: string | null;
         } & {
             [key: string]: unknown;
+        };
+        /**
+         * VertexBody
+         * @description A corner of a polygon.
+         */
+        VertexBody: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
         };
         /**
          * VideoClockBody
@@ -2307,6 +2518,288 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_plan_api_v1_vehicles__vehicle_id__plan_get: {
+        parameters: {
+            query?: {
+                /** @description plan: the QGroundControl file */
+                format?: "plan" | null;
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    put_plan_api_v1_vehicles__vehicle_id__plan_put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        /** @description A QGroundControl plan (JSON), or a waypoint file (QGC WPL 110) */
+        requestBody: {
+            content: {
+                "application/json": Record<string, never>;
+                "text/plain": string;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    delete_plan_api_v1_vehicles__vehicle_id__plan_delete: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            204: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    upload_plan_api_v1_vehicles__vehicle_id__plan_upload_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["UploadRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandAccepted"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    download_plan_api_v1_vehicles__vehicle_id__plan_download_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: {
+            content: {
+                "application/json": components["schemas"]["DownloadRequest"] | null;
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandAccepted"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    clear_vehicle_api_v1_vehicles__vehicle_id__plan_vehicle_delete: {
+        parameters: {
+            query?: {
+                /** @description what to clear; the mission when not given */
+                parts?: ("mission" | "fence" | "rally")[] | null;
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandAccepted"];
+                };
             };
             /** @description A problem (RFC 9457) */
             default: {

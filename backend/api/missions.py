@@ -1,0 +1,101 @@
+"""Mission plans: kept for a vehicle, as files, and to and from the vehicle itself."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from http import HTTPStatus
+from typing import Annotated, Literal
+
+from fastapi import APIRouter, Depends, Query, Request, Response
+
+from backend.api.access import the_station
+from backend.errors import PlanFileError, UnknownVehicleError
+from backend.link.events import Autopilot
+from backend.missions.plan import Plan
+from backend.missions.plan_file import MAX_BYTES, write_plan
+from backend.missions.service import rule_of
+from backend.schemas.missions import DownloadRequest, PartName, PlanBody, UploadRequest, kinds_of, plan_body
+from backend.schemas.vehicles import CommandAccepted
+from backend.station import Station
+
+router = APIRouter(prefix="/api/v1/vehicles/{vehicle_id}/plan", tags=["missions"])
+
+TheStation = Annotated[Station, Depends(the_station)]
+JSON = "application/json"
+_BODY = {
+    "requestBody": {
+        "required": True, "description": "A QGroundControl plan (JSON), or a waypoint file (QGC WPL 110)",
+        "content": {JSON: {"schema": {"type": "object"}}, "text/plain": {"schema": {"type": "string"}}},
+    }
+}  # fmt: skip
+
+
+@router.get("", response_model=PlanBody)
+async def get_plan(
+    vehicle_id: str, station: TheStation,
+    format: Annotated[Literal["plan"] | None, Query(description="plan: the QGroundControl file")] = None,
+) -> PlanBody | Response:  # fmt: skip
+    """The plan kept for a vehicle, or its file: what was put, with what is not understood here."""
+    plan = await station.missions.plan(_id(vehicle_id, station))
+    if format is None:
+        return await _shown(vehicle_id, plan, station)
+    headers = {"Content-Disposition": f'attachment; filename="vehicle-{vehicle_id}.plan"'}
+    return Response(await asyncio.to_thread(write_plan, plan), media_type=JSON, headers=headers)
+
+
+@router.put("", openapi_extra=_BODY)
+async def put_plan(vehicle_id: str, request: Request, station: TheStation) -> PlanBody:
+    """Keep a plan for a vehicle, heard or not. It is sent by ``POST …/plan/upload`` only."""
+    key = _id(vehicle_id, station)
+    content = bytearray()
+    async for chunk in request.stream():
+        content += chunk
+        if len(content) > MAX_BYTES:
+            raise PlanFileError("plan", f"a plan has at most {MAX_BYTES} bytes")
+    return await _shown(vehicle_id, await station.missions.keep(key, bytes(content)), station)
+
+
+@router.delete("", status_code=HTTPStatus.NO_CONTENT)
+async def delete_plan(vehicle_id: str, station: TheStation) -> None:
+    """Keep no plan for a vehicle; what the vehicle itself holds stays."""
+    await station.missions.remove(_id(vehicle_id, station))
+
+
+@router.post("/upload", status_code=HTTPStatus.ACCEPTED)
+async def upload_plan(vehicle_id: str, station: TheStation, body: UploadRequest | None = None) -> CommandAccepted:
+    """Send the kept plan to the vehicle and read it back; ``ack`` messages on the stream say how that goes and ends."""
+    parts = None if body is None or body.parts is None else kinds_of(body.parts)
+    return CommandAccepted(command_id=await station.missions.upload(station.live_vehicle(vehicle_id), parts))
+
+
+@router.post("/download", status_code=HTTPStatus.ACCEPTED)
+async def download_plan(vehicle_id: str, station: TheStation, body: DownloadRequest | None = None) -> CommandAccepted:
+    """Fetch what the vehicle holds and keep it as its plan; ``ack`` messages on the stream say how that ends."""
+    replace = body is not None and body.replace
+    vehicle = station.live_vehicle(vehicle_id)
+    return CommandAccepted(command_id=await station.missions.download(vehicle, replace=replace))
+
+
+@router.delete("/vehicle", status_code=HTTPStatus.ACCEPTED)
+async def clear_vehicle(
+    vehicle_id: str, station: TheStation,
+    parts: Annotated[list[PartName] | None, Query(description="what to clear; the mission when not given")] = None,
+) -> CommandAccepted:  # fmt: skip
+    """Clear what the vehicle itself holds; ``ack`` messages on the stream say how that ends."""
+    kinds = kinds_of(parts or ["mission"])
+    return CommandAccepted(command_id=station.missions.clear(station.live_vehicle(vehicle_id), kinds))
+
+
+def _id(vehicle_id: str, station: Station) -> str:
+    """A vehicle's id: one that was heard, or a system id that may be heard later."""
+    if re.fullmatch(r"[1-9][0-9]{0,2}", vehicle_id) and int(vehicle_id) <= 255:
+        return vehicle_id
+    station.live_vehicle(vehicle_id)
+    raise UnknownVehicleError(vehicle_id)
+
+
+async def _shown(vehicle_id: str, plan: Plan, station: Station) -> PlanBody:
+    vehicle = station.fleet.vehicles.get(vehicle_id)
+    rule = rule_of(Autopilot.OTHER if vehicle is None else vehicle.autopilot)
+    return await asyncio.to_thread(plan_body, vehicle_id, plan, rule)
