@@ -25,8 +25,8 @@ from simulator.vehicles.rmax import Rmax, RmaxConfig, yacs_input
 from simulator.vehicles.state import VehicleState
 
 DT_S = 0.02
-RADIUS_M, QUICK_RADIUS_M = 45.0, 42.0
-_RUN_IN_M, _RUN_OUT_M, _LINE_M = 60.0, 60.0, 170.0
+RADIUS_M, QUICK_RADIUS_M = 45.0, 45.0
+_RUN_IN_M, _RUN_OUT_M, _LINE_M, _BETWEEN_M = 60.0, 60.0, 170.0, 10.0
 _LOW_M, _HIGH_M = 10.0, 40.0
 _FRAME = LocalFrame(math.radians(58.49), math.radians(15.1), 60.0)
 _LONGEST_S, _TRIM_STD_RAD = 300.0, math.radians(0.5)
@@ -39,8 +39,8 @@ _SPACING_M, _WINDOW_M = 0.05, 10.0
 class NavigationErrors:
     """What the control is told wrong; standard deviations of errors that wander, and of noise from step to step.
 
-    Of INS and RTK GPS, which the thesis calls sub-metre (page 111) and of centimetres (page 126): a decimetre. The
-    attitude sensor is good to about 2 degrees (page 126), taken for two sigma.
+    Of INS and RTK GPS, which the thesis calls sub-metre (section 5.9) and of centimetres (chapter 6, results): a
+    decimetre. The attitude sensor is good to about 2 degrees (there), taken for two sigma. The rest is assumed.
     """
 
     position_m: float = 0.10
@@ -61,16 +61,18 @@ class Navigation:
         self._position = GaussMarkov(rng_for(seed, "ins", "position"), 1.0, errors.position_time_s, 3)
         self._velocity = GaussMarkov(rng_for(seed, "ins", "velocity"), errors.velocity_m_s, errors.velocity_time_s, 3)
         self._noise = rng_for(seed, "ins", "attitude")
-        self._roll_rad, self._yaw_rad = (self._noise.standard_normal(2) * (errors.attitude_rad, errors.heading_rad)).tolist()
+        self._tilt_rad = errors.attitude_rad * self._noise.standard_normal(2)
+        self._yaw_rad = errors.heading_rad * float(self._noise.standard_normal())
 
     def of(self, state: VehicleState, dt_s: float) -> FlightState:
         """What is known of a state ``dt_s`` after the last."""
         e = self._errors
-        roll, yaw = (e.attitude_noise_rad * self._noise.standard_normal(2)).tolist()
+        roll, pitch, yaw = (e.attitude_noise_rad * self._noise.standard_normal(3)).tolist()
         return FlightState(
             state.pos_ned_m + self._position.step(dt_s) * (e.position_m, e.position_m, e.height_m),
             state.vel_ned_m_s + self._velocity.step(dt_s),
-            state.roll_rad + self._roll_rad + roll,
+            state.roll_rad + float(self._tilt_rad[0]) + roll,
+            state.pitch_rad + float(self._tilt_rad[1]) + pitch,
             wrap_pi(state.yaw_rad + self._yaw_rad + yaw),
         )
 
@@ -97,11 +99,13 @@ class Control:
 class Flight:
     """Errors are distances from the path (n,), every 20 ms: of the true position, and of the one that was navigated by.
 
+    ``level_error_m`` (n,) is the true one seen from above, against the path seen from above.
     ``track_ned_m`` (n, 3) is the true one, ``speed_m_s`` (n,) over ground, ``path_ned_m`` (m, 3) the path.
     """
 
     error_m: Float
     seen_error_m: Float
+    level_error_m: Float
     track_ned_m: Float
     speed_m_s: Float
     path_ned_m: Float
@@ -126,15 +130,21 @@ def line() -> tuple[CubicSegment, ...]:
 
 
 def quick_bends() -> tuple[CubicSegment, ...]:
-    """Quarter turns one against the other: the curvature jumps from side to side, as in figure 4.12."""
+    """Eighth and quarter turns to either side with a second of straight flight between, for figure 4.12.
+
+    Its path is drawn there without numbers. The curvature jumps at each joint; turns that followed each other at once
+    would ask for more roll than the inputs' limits leave, with any law.
+    """
     curves = [straight((0.0, 0.0, -_HIGH_M), (100.0, 0.0, -_HIGH_M))]
     heading = 0.0
     for angle in (-0.25, 0.5, -0.5, 0.5, -0.25):
         turned = angle * math.pi
         curves += helix(curves[-1].end_ned_m, heading, QUICK_RADIUS_M, turned, 0.0, 2)
         heading += turned
+        end = curves[-1].end_ned_m
+        on = np.array((math.cos(heading), math.sin(heading), 0.0))
+        curves.append(straight(end, end + _BETWEEN_M * on))
     end = curves[-1].end_ned_m
-    on = np.array((math.cos(heading), math.sin(heading), 0.0))
     return (*curves, straight(end, end + _RUN_OUT_M * on))
 
 
@@ -171,11 +181,16 @@ def fly(manoeuvre: Manoeuvre, control: Control, seed: int, errors: NavigationErr
             round(k * DT_S * 1e6), DT_S,
             yacs_input(command.roll_rad, command.pitch_rad, command.yaw_rate_rad_s, command.climb_m_s),
         )  # fmt: skip
-    path = dense(manoeuvre.curves)
+    path, track = dense(manoeuvre.curves), np.array(true)
     return Flight(
-        distances_m(path, np.array(true)), distances_m(path, np.array(seen)), np.array(true), np.array(speed), path,
-        arrived,
-    )  # fmt: skip
+        error_m=distances_m(path, track),
+        seen_error_m=distances_m(path, np.array(seen)),
+        level_error_m=distances_m(path[:, :2], track[:, :2]),
+        track_ned_m=track,
+        speed_m_s=np.array(speed),
+        path_ned_m=path,
+        arrived=arrived,
+    )
 
 
 def dense(curves: Sequence[CubicSegment]) -> Float:
@@ -185,7 +200,7 @@ def dense(curves: Sequence[CubicSegment]) -> Float:
 
 
 def distances_m(path_ned_m: Float, track_ned_m: Float) -> Float:
-    """Distance (n,) of each position (n, 3), in order, from the points of a path (m, 3).
+    """Distance (n,) of each position (n, 2 or 3), in order, from the points of a path (m, 2 or 3).
 
     Nearest within 10 m of path around where the last was nearest: a path that crosses itself is not to flatter. It
     shares nothing with the control point of the follower.

@@ -70,23 +70,30 @@ class CubicSegment:
 
     def point(self, s: ArrayLike) -> Float:
         """Positions (..., 3) at parameters (...), equation (4.2)."""
-        s = np.asarray(s, np.float64)
-        return self._times(np.stack((s**3, s**2, s, np.ones_like(s)), axis=-1))
+        s, (a, b, c, d) = np.asarray(s, np.float64)[..., None], self._coefficients
+        place: Float = ((a * s + b) * s + c) * s + d
+        return place
 
     def tangent(self, s: ArrayLike) -> Float:
         """Derivatives (..., 3) by the parameter, in metres, equation (4.3)."""
-        s = np.asarray(s, np.float64)
-        return self._times(np.stack((3.0 * s**2, 2.0 * s, np.ones_like(s), np.zeros_like(s)), axis=-1))
+        s, (a, b, c, _) = np.asarray(s, np.float64)[..., None], self._coefficients
+        tangent: Float = (3.0 * a * s + 2.0 * b) * s + c
+        return tangent
 
     def second_derivative(self, s: ArrayLike) -> Float:
         """Second derivatives (..., 3) by the parameter, in metres, equation (4.4)."""
-        s = np.asarray(s, np.float64)
-        return self._times(np.stack((6.0 * s, np.full_like(s, 2.0), np.zeros_like(s), np.zeros_like(s)), axis=-1))
+        s, (a, b, _, _) = np.asarray(s, np.float64)[..., None], self._coefficients
+        second: Float = 6.0 * a * s + 2.0 * b
+        return second
 
     def curvature(self, s: ArrayLike) -> Float:
-        """Curvature vectors (..., 3) towards the centre of the turn, 1/m, equation (4.5)."""
+        """Curvature vectors (..., 3) towards the centre of the turn, 1/m.
+
+        Equation (4.5), in which (t x q) x t is q (t t) - t (t q).
+        """
         t, q = self.tangent(s), self.second_derivative(s)
-        k: Float = np.cross(np.cross(t, q), t) / np.sum(t * t, axis=-1, keepdims=True) ** 2
+        size = np.sum(t * t, axis=-1, keepdims=True)
+        k: Float = (q - t * (np.sum(t * q, axis=-1, keepdims=True) / size)) / size
         return k
 
     def turn_curvature(self, s: ArrayLike) -> Float:
@@ -122,10 +129,6 @@ class CubicSegment:
     def s_at(self, length_m: float) -> float:
         """The parameter at an arc length from the start, held within 0 and 1."""
         return float(np.interp(length_m, self.lengths.length_m, self.lengths.s))
-
-    def _times(self, powers: Float) -> Float:
-        product: Float = powers @ self._coefficients
-        return product
 
 
 @dataclass(frozen=True, slots=True, eq=False)

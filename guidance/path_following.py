@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,14 +44,15 @@ class PathFollowingConfig:
     With ``look_ahead`` the limits of bends further on are braked for in time; without, as in the thesis, they are met
     where they begin. ``stop_gain_per_s`` times the distance left bounds the speed before a stop, for (4.20) alone asks
     for all of the braking up to the last centimetre. The curvature that is fed forward to the roll is the one
-    ``preview_s`` ahead, that to the yaw rate ``yaw_preview_s``: about the delay of the inner loops, zero in the thesis.
+    ``preview_s`` ahead, that to the yaw rate ``yaw_preview_s``: about the delays of an RMAX whose roll has its
+    compensator, zero in the thesis. ``as_published`` has none of the three.
     """
 
-    envelope: FlightEnvelope = FlightEnvelope()
+    envelope: FlightEnvelope = field(default_factory=FlightEnvelope)
     look_ahead: bool = True
     stop_gain_per_s: float = 0.6
-    preview_s: float = 0.0
-    yaw_preview_s: float = 0.0
+    preview_s: float = 0.18
+    yaw_preview_s: float = 0.2
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.stop_gain_per_s) and self.stop_gain_per_s > 0.0):
@@ -61,6 +62,11 @@ class PathFollowingConfig:
             if not 0.0 <= value <= 5.0:
                 message = f"{name} must be from 0 to 5 s, not {value}"
                 raise ValueError(message)
+
+
+def as_published(envelope: FlightEnvelope | None = None) -> PathFollowingConfig:
+    """Limits of bends where they begin, curvature where the helicopter is: section 4.3.3 and nothing else."""
+    return PathFollowingConfig(envelope or FlightEnvelope(), look_ahead=False, preview_s=0.0, yaw_preview_s=0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,7 +197,7 @@ class PathFollower:
                 self._s = 1.0
                 return False
             moved, self._s = abs(s - self._s), max(s, 0.0)
-            if moved * size < 1e-4:
+            if moved * size < 1e-3:
                 break
         return True
 
@@ -233,10 +239,11 @@ class PathFollower:
             start_m += segment.curve.length_m
         length_m = np.concatenate(lengths)
         # No bend is so slight that it needs more than this, and finite numbers can be interpolated.
-        limits = [np.minimum(np.concatenate(table), 1e3) for table in (turning, descent)]
+        turn_m_s, sink_m_s = (np.minimum(np.concatenate(table), 1e3) for table in (turning, descent))
         if self.config.look_ahead:
-            limits = [allowed_ahead_m_s(length_m, limit, envelope) for limit in limits]
-        return _Speeds(length_m, *limits, allowed_ahead_m_s(length_m, np.concatenate(ends), envelope))
+            turn_m_s = allowed_ahead_m_s(length_m, turn_m_s, envelope)
+            sink_m_s = allowed_ahead_m_s(length_m, sink_m_s, envelope)
+        return _Speeds(length_m, turn_m_s, sink_m_s, allowed_ahead_m_s(length_m, np.concatenate(ends), envelope))
 
     def _turn_ahead(self, distance_m: float) -> float:
         """Curvature of the track ``distance_m`` further on; beyond the known path it is straight."""

@@ -20,7 +20,7 @@ from estimator.types import Float
 
 @dataclass(frozen=True, slots=True)
 class FlightEnvelope:
-    """Limits of the flight, as on pages 45 to 48 of the thesis.
+    """Limits of the flight, as in section 4.3.3 of the thesis.
 
     ``load_factor_max`` is of the lift against the weight. Descents steeper than ``steep_rad`` sink at
     ``steep_descent_m_s`` at most, others at ``descent_m_s``. ``braking_m_s2`` is what is reckoned with ahead of a bend

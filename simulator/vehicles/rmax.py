@@ -45,10 +45,10 @@ class TransferFunction:
 
 
 def _product(*factors: tuple[float, ...]) -> tuple[float, ...]:
-    whole: Float = np.ones(1)
+    whole = (1.0,)
     for factor in factors:
-        whole = np.polymul(whole, factor)
-    return tuple(float(c) for c in whole)
+        whole = tuple(np.convolve(whole, factor).tolist())
+    return whole
 
 
 ROLL = TransferFunction(_product((2.3,), (1, 3.87, 53.3)), _product((1, 6.29, 16.2), (1, 8.97, 168)))
