@@ -63,8 +63,10 @@ class CubicSegment:
             raise ValueError(message)
         boundary = np.stack([getattr(self, name) for name in names])
         object.__setattr__(self, "_coefficients", _CUBIC @ boundary)
-        slowest_m = float(np.linalg.norm(self.tangent(np.linspace(0.0, 1.0, 2 * _SAMPLES - 1)), axis=-1).min())
-        if slowest_m < _SMALLEST_M:
+        tangent = self.tangent(np.linspace(0.0, 1.0, 2 * _SAMPLES - 1))
+        # Between two samples a derivative that passes through zero turns about.
+        about = np.sum(tangent[1:] * tangent[:-1], axis=-1) <= 0.0
+        if float(np.linalg.norm(tangent, axis=-1).min()) < _SMALLEST_M or bool(about.any()):
             message = "the segment's derivative vanishes on its way: it has no direction there"
             raise ValueError(message)
 

@@ -26,6 +26,7 @@ from guidance.velocity_profile import (
     allowed_ahead_m_s,
     braking_speed_m_s,
     descent_speed_m_s,
+    stopping_speed_m_s,
     turning_speed_m_s,
 )
 
@@ -42,10 +43,10 @@ class PathFollowingConfig:
     """How a path is followed.
 
     With ``look_ahead`` the limits of bends further on are braked for in time; without, as in the thesis, they are met
-    where they begin. ``stop_gain_per_s`` times the distance left bounds the speed before a stop, for (4.20) alone asks
-    for all of the braking up to the last centimetre. The curvature that is fed forward to the roll is the one
-    ``preview_s`` ahead, that to the yaw rate ``yaw_preview_s``: about the delays of an RMAX whose roll has its
-    compensator, zero in the thesis. ``as_published`` has none of the three.
+    where they begin. ``stop_gain_per_s`` times the distance left is the speed in the last metres before a stop. The
+    curvature that is fed forward to the roll is the one ``preview_s`` ahead, that to the yaw rate ``yaw_preview_s``:
+    about the delays of an RMAX whose roll has its compensator, zero in the thesis. ``as_published`` has none of the
+    three.
     """
 
     envelope: FlightEnvelope = field(default_factory=FlightEnvelope)
@@ -212,7 +213,7 @@ class PathFollower:
         remaining_m = float(speeds.length_m[-1]) - at_m
         # Between samples the square of a speed that is braked is linear.
         ends_m_s = math.sqrt(float(np.interp(at_m, speeds.length_m, speeds.ends_m_s**2)))
-        brake_m_s = min(ends_m_s, self.config.stop_gain_per_s * max(remaining_m, 0.0))
+        brake_m_s = min(ends_m_s, stopping_speed_m_s(remaining_m, self.config.stop_gain_per_s, envelope))
         cruise_m_s = segment.cruise_m_s
         if len(self._segments) > 1 and segment.end_m_s > cruise_m_s:
             # An end to be passed faster than the cruise: it speeds up towards it.

@@ -109,6 +109,18 @@ def braking_speed_m_s(distance_m: ArrayLike, end_m_s: ArrayLike, envelope: Fligh
     return speed
 
 
+def stopping_speed_m_s(distance_m: float, gain_per_s: float, envelope: FlightEnvelope) -> float:
+    """What is brought to a stop over ``distance_m``: (4.20) until it is slow, then in proportion to what is left.
+
+    (4.20) alone brakes at full up to the last centimetre. The proportional part begins where it brakes as much, and
+    the rest is laid that much earlier, so that the braking is nowhere above the envelope's.
+    """
+    a = envelope.braking_m_s2
+    if distance_m < a / gain_per_s**2:
+        return gain_per_s * max(distance_m, 0.0)
+    return math.sqrt(2.0 * a * distance_m - (a / gain_per_s) ** 2)
+
+
 def allowed_ahead_m_s(length_m: Float, limit_m_s: Float, envelope: FlightEnvelope) -> Float:
     """Speeds (n,) at lengths (n,), in order, from which every limit (n,) further on can still be braked down to."""
     room = 2.0 * envelope.braking_m_s2 * length_m
