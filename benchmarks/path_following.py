@@ -181,7 +181,7 @@ def figure(table: Sequence[tuple[Row, Row, Published]]) -> str:
 
 
 def main(
-    seeds: Annotated[str, typer.Option(help="One flight each of every row, FIRST-LAST.")] = "1001-1012",
+    seeds: Annotated[str, typer.Option(help="One flight each of every row, FIRST-LAST.")] = "1001-1010",
     short: Annotated[bool, typer.Option("--short", help=f"The first {SHORT_SEEDS} seeds only.")] = False,
     out: Annotated[Path | None, typer.Option(help="Folder for the page, its figures and figure.")] = None,
 ) -> None:

@@ -32,7 +32,7 @@ from guidance.velocity_profile import (
 
 MAX_SEGMENTS = 512
 """So many segments wait at most."""
-_ITERATIONS = 4
+_ITERATIONS = 6
 _GAP_M, _KINK_RAD = 0.5, math.radians(5.0)
 _LONGEST_STEP_S = 1.0
 _UPRIGHT = 1e-3
@@ -90,13 +90,25 @@ class PathReference:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Known:
+    """A segment that was sent, and the limits along it, (n,) each at the lengths of its curve's table."""
+
+    segment: PathSegment
+    turning_m_s: Float
+    descent_m_s: Float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Speeds:
-    """Along the known path, (n,) each: arc length since the first segment's start, and speeds allowed there."""
+    """Along the known path, (n,) each: arc length since the first segment's start, and speeds allowed there.
+
+    Between samples the square of a speed that is braked is linear, hence ``ends_m2_s2``.
+    """
 
     length_m: Float
     turning_m_s: Float
     descent_m_s: Float
-    ends_m_s: Float
+    ends_m2_s2: Float
 
 
 class PathFollower:
@@ -104,7 +116,7 @@ class PathFollower:
 
     def __init__(self, config: PathFollowingConfig | None = None) -> None:
         self.config = config or PathFollowingConfig()
-        self._segments: deque[PathSegment] = deque()
+        self._segments: deque[_Known] = deque()
         self._passed = 0
         self._s = 0.0
         self._speeds: _Speeds | None = None
@@ -124,8 +136,8 @@ class PathFollower:
             message = f"{MAX_SEGMENTS} segments wait already"
             raise ValueError(message)
         if self._segments:
-            _check_joint(self._segments[-1], segment)
-        self._segments.append(segment)
+            _check_joint(self._segments[-1].segment, segment)
+        self._segments.append(_known(segment, self.config.envelope))
         self._speeds = None
 
     def step(self, dt_s: float, pos_ned_m: Float, vel_ned_m_s: Float, yaw_rad: float) -> PathReference:
@@ -138,7 +150,7 @@ class PathFollower:
         """
         self._check(dt_s, pos_ned_m, vel_ned_m_s, yaw_rad)
         self._move(pos_ned_m)
-        curve = self._segments[0].curve
+        curve = self._segments[0].segment.curve
         tangent = curve.tangent(self._s)
         direction = tangent / float(np.linalg.norm(tangent))
         if self._target is None:
@@ -185,7 +197,7 @@ class PathFollower:
 
     def _settle(self, pos_ned_m: Float) -> bool:
         """Move the control point on its segment; whether it stays there, or has passed the end."""
-        curve = self._segments[0].curve
+        curve, passed = self._segments[0].segment.curve, False
         for _ in range(_ITERATIONS):
             tangent = curve.tangent(self._s)
             size = float(np.linalg.norm(tangent))
@@ -194,25 +206,24 @@ class PathFollower:
             # curvature. Inside it falls short, and the next step goes on.
             bend = max(1.0 - float(error @ curve.curvature(self._s)), 1.0)
             s = self._s + float(error @ tangent) / size**2 / bend
-            if s > 1.0:
-                self._s = 1.0
-                return False
-            moved, self._s = abs(s - self._s), max(s, 0.0)
-            if moved * size < 1e-3:
+            # Beyond the end is only what is so as seen from the end.
+            passed = self._s == 1.0 and s > 1.0
+            s = min(max(s, 0.0), 1.0)
+            moved, self._s = abs(s - self._s), s
+            if (moved * size < 1e-3 and s != 1.0) or passed:
                 break
-        return True
+        return not passed
 
     def _target_speed(self, dt_s: float, target: SpeedTarget) -> tuple[TargetSpeed, float]:
         """The target speed and the length that is left."""
         if self._speeds is None:
             self._speeds = self._speeds_of_path()
-        speeds, segment = self._speeds, self._segments[0]
+        speeds, segment = self._speeds, self._segments[0].segment
         at_m = segment.curve.length_at_m(self._s)
         end_m = segment.curve.length_m
         envelope = self.config.envelope
         remaining_m = float(speeds.length_m[-1]) - at_m
-        # Between samples the square of a speed that is braked is linear.
-        ends_m_s = math.sqrt(float(np.interp(at_m, speeds.length_m, speeds.ends_m_s**2)))
+        ends_m_s = math.sqrt(float(np.interp(at_m, speeds.length_m, speeds.ends_m2_s2)))
         brake_m_s = min(ends_m_s, stopping_speed_m_s(remaining_m, self.config.stop_gain_per_s, envelope))
         cruise_m_s = segment.cruise_m_s
         if len(self._segments) > 1 and segment.end_m_s > cruise_m_s:
@@ -226,34 +237,41 @@ class PathFollower:
 
     def _speeds_of_path(self) -> _Speeds:
         envelope = self.config.envelope
-        lengths, turning, descent, ends = [], [], [], []
+        lengths, ends = [], []
         start_m, last = 0.0, len(self._segments) - 1
-        for number, segment in enumerate(self._segments):
-            table = segment.curve.lengths
-            tangent = segment.curve.tangent(table.s)
-            direction = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
-            lengths.append(start_m + table.length_m)
-            turning.append(turning_speed_m_s(direction, segment.curve.turn_curvature(table.s), envelope))
-            descent.append(descent_speed_m_s(direction, envelope))
-            end_m_s = 0.0 if number == last else segment.end_m_s
-            ends.append(braking_speed_m_s(segment.curve.length_m - table.length_m, end_m_s, envelope))
-            start_m += segment.curve.length_m
+        for number, known in enumerate(self._segments):
+            table = known.segment.curve.lengths.length_m
+            end_m_s = 0.0 if number == last else known.segment.end_m_s
+            lengths.append(start_m + table)
+            ends.append(braking_speed_m_s(table[-1] - table, end_m_s, envelope))
+            start_m += float(table[-1])
         length_m = np.concatenate(lengths)
-        # No bend is so slight that it needs more than this, and finite numbers can be interpolated.
-        turn_m_s, sink_m_s = (np.minimum(np.concatenate(table), 1e3) for table in (turning, descent))
+        turn_m_s = np.concatenate([known.turning_m_s for known in self._segments])
+        sink_m_s = np.concatenate([known.descent_m_s for known in self._segments])
         if self.config.look_ahead:
             turn_m_s = allowed_ahead_m_s(length_m, turn_m_s, envelope)
             sink_m_s = allowed_ahead_m_s(length_m, sink_m_s, envelope)
-        return _Speeds(length_m, turn_m_s, sink_m_s, allowed_ahead_m_s(length_m, np.concatenate(ends), envelope))
+        ends_m_s = allowed_ahead_m_s(length_m, np.concatenate(ends), envelope)
+        return _Speeds(length_m, turn_m_s, sink_m_s, ends_m_s**2)
 
     def _turn_ahead(self, distance_m: float) -> float:
         """Curvature of the track ``distance_m`` further on; beyond the known path it is straight."""
-        at_m = self._segments[0].curve.length_at_m(self._s) + distance_m
-        for segment in self._segments:
-            if at_m <= segment.curve.length_m:
-                return float(segment.curve.turn_curvature(segment.curve.s_at(at_m)))
-            at_m -= segment.curve.length_m
+        at_m = self._segments[0].segment.curve.length_at_m(self._s) + distance_m
+        for known in self._segments:
+            curve = known.segment.curve
+            if at_m <= curve.length_m:
+                return float(curve.turn_curvature(curve.s_at(at_m)))
+            at_m -= curve.length_m
         return 0.0
+
+
+def _known(segment: PathSegment, envelope: FlightEnvelope) -> _Known:
+    s = segment.curve.lengths.s
+    tangent = segment.curve.tangent(s)
+    direction = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
+    turning = turning_speed_m_s(direction, segment.curve.turn_curvature(s), envelope)
+    # Nothing flies faster than this, and finite numbers can be interpolated.
+    return _Known(segment, np.minimum(turning, 1e3), np.minimum(descent_speed_m_s(direction, envelope), 1e3))
 
 
 def _check_joint(before: PathSegment, after: PathSegment) -> None:
