@@ -167,6 +167,11 @@ def report(table: Sequence[tuple[Row, Row, Published]], quick: Sequence[Row], co
         f"| {row.level_mean_m:.2f} / {row.level_max_m:.2f} |"
         for row in quick
     ]
+    lines += [
+        "",
+        "The compensator follows the roll that is measured: the attitude sensor's error becomes an offset, which stands "
+        "where no integral of the position takes it out. What it gains is in the largest error seen from above.",
+    ]  # fmt: skip
     return "\n".join(lines) + "\n"
 
 

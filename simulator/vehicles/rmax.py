@@ -60,10 +60,11 @@ YAW_RATE = TransferFunction(_product((9.7,), (1, 12.25)), _product((1, 4.17), (1
 HEAVE = TransferFunction(_product((0.0828,), (1, 0), (1, 3.37)), _product((1, 0.95), (1, 13.1, 214.1)))
 """g of acceleration upwards along the body's axis by throttle: T = -g - a_Z (3.10)."""
 
-_DEGREES_OF_ROLL = 2.3 * 53.3 / (16.2 * 168)
-_DEGREES_OF_PITCH = 0.5 * 75.5 / (5.55 * 123.5)
-_DEGREES_S_OF_YAW = 9.7 * 12.25 / (4.17 * 213.4)
-_G_S_OF_CLIMB = 0.0828 * 3.37 / (0.95 * 214.1)
+# What an input of one unit settles at; of the throttle, whose acceleration dies down, the velocity gained by then.
+_DEGREES_OF_ROLL, _DEGREES_OF_PITCH, _DEGREES_S_OF_YAW = (
+    tf.numerator[-1] / tf.denominator[-1] for tf in (ROLL, PITCH, YAW_RATE)
+)
+_G_S_OF_CLIMB = HEAVE.numerator[-2] / HEAVE.denominator[-1]
 
 
 class Heave(StrEnum):
