@@ -169,8 +169,8 @@ def report(table: Sequence[tuple[Row, Row, Published]], quick: Sequence[Row], co
     ]
     lines += [
         "",
-        "The compensator follows the roll that is measured: the attitude sensor's error becomes an offset, which stands "
-        "where no integral of the position takes it out. What it gains is in the largest error seen from above.",
+        "The compensator follows the roll that is measured: the attitude sensor's error becomes an offset, which "
+        "stands where no integral of the position takes it out. What it gains is in the largest error seen from above.",
     ]  # fmt: skip
     return "\n".join(lines) + "\n"
 

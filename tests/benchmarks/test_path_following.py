@@ -88,10 +88,14 @@ def test_summary_and_verdict() -> None:
     row = summary(SHORT, "ours", [flight([0.1, 0.3]), flight([0.2, 0.6])])
     assert (row.mean_m, row.max_m, row.worst_m) == pytest.approx((0.3, 0.45, 0.6))
     assert (row.seen_mean_m, row.level_max_m, row.arrived) == pytest.approx((0.15, 0.1125, 2))
-    assert holds(row, Published(0.3, 0.6, 0.2)) and not halves(row, Published(0.3, 0.9, 0.2))
-    assert not holds(row, Published(0.29, 0.6, 0.2)) and not holds(row, Published(0.3, 0.59, 0.2))
-    assert not holds(replace(row, arrived=1), Published(0.3, 0.6, 0.2))
-    assert halves(row, Published(0.6, 0.9, 0.2))
+    assert (
+        holds(row, Published(0.31, 0.6, 0.2))
+        and not halves(row, Published(0.5, 0.91, 0.2))
+        and not halves(row, Published(0.61, 0.8, 0.2))
+    )
+    assert not holds(row, Published(0.29, 0.6, 0.2)) and not holds(row, Published(0.31, 0.59, 0.2))
+    assert not holds(replace(row, arrived=1), Published(0.31, 0.6, 0.2))
+    assert halves(row, Published(0.61, 0.91, 0.2))
 
 
 @pytest.mark.parametrize(("published", "status"), [(Published(0.6, 1.9, 0.2), 0), (Published(0.001, 0.001, 0.2), 1)])
