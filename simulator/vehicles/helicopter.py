@@ -6,12 +6,12 @@ from math import atan2, cos, exp, inf, pi, sin, tan
 
 import numpy as np
 
-from estimator.geometry.earth import EARTH_RATE_RAD_S, gravity_m_s2, meridian_radius_m
 from estimator.geometry.local import LocalFrame
-from estimator.geometry.rotation import matrix_from_q, q_conjugate, q_from_euler, q_multiply, rotvec_from_q, skew
+from estimator.geometry.rotation import matrix_from_q, q_from_euler
 from estimator.types import Float
 from simulator.random_streams import rng_for
 from simulator.vehicles.gauss_markov import GaussMarkov
+from simulator.vehicles.inertial import InertialReadings
 from simulator.vehicles.state import VehicleState
 
 _TILT_RATE_RAD_S = 3.6
@@ -45,11 +45,8 @@ class Helicopter:
         self._mean_wind = wind_m_s * np.array([cos(direction), sin(direction), 0.0])
         self._gust = GaussMarkov(rng, gust_std_m_s, 3.0, 3)
         self._shake = GaussMarkov(rng_for(seed, "turbulence"), _GUST_TILT_RAD, 0.5, 3)
-        self._frame = frame
-        self._gravity = float(gravity_m_s2(frame.lat_rad, frame.alt_m))
-        self._radius_m = float(meridian_radius_m(frame.lat_rad))
-        self._earth_rate = EARTH_RATE_RAD_S * np.array([cos(frame.lat_rad), 0.0, -sin(frame.lat_rad)])
-        self._coriolis = 2 * skew(self._earth_rate)
+        self._readings = InertialReadings(frame)
+        self._gravity = self._readings.gravity_m_s2
         self._angle = np.array([0.0, 0.0, yaw_rad])
         self._angle_rate = np.zeros(3)
         self._thrust = self._gravity
@@ -80,7 +77,7 @@ class Helicopter:
         self._pos = self._pos + 0.5 * (before + self._vel) * dt_s
         if self._pos[2] >= floor_down_m:
             self._stand(dt_s, before, float(vel_command_ned_m_s[2]), floor_down_m)
-        state = self._state(t_us, dt_s, before, q, ned_from_body, wind)
+        state = self._readings.state(t_us, dt_s, self._pos, self._vel, self._angle, wind, q, before, self._q)
         self._q = q
         return state
 
@@ -115,25 +112,3 @@ class Helicopter:
         self._angle_rate[2] = min(max(self._angle_rate[2], -_MAX_TURN_RAD_S), _MAX_TURN_RAD_S)
         self._angle = self._angle + self._angle_rate * dt_s
         self._angle[2] = (self._angle[2] + pi) % (2 * pi) - pi
-
-    def _state(
-        self, t_us: int, dt_s: float, vel_before: Float, q: Float, ned_from_body: Float, wind: Float
-    ) -> VehicleState:
-        rotation = rotvec_from_q(q_multiply(q_conjugate(self._q), q)) / dt_s
-        rate = rotation + ned_from_body.T @ self._earth_rate
-        # The plumb line leans as the vehicle leaves the frame's origin: 1e-3 m/s2 at 600 m.
-        plumb = np.array([-self._pos[0] / self._radius_m, -self._pos[1] / self._radius_m, 1.0]) * self._gravity
-        coriolis = self._coriolis @ self._vel
-        force = ned_from_body.T @ ((self._vel - vel_before) / dt_s + coriolis - plumb)
-        return VehicleState(
-            t_us=t_us,
-            pos_ned_m=self._pos,
-            vel_ned_m_s=self._vel,
-            roll_rad=float(self._angle[0]),
-            pitch_rad=float(self._angle[1]),
-            yaw_rad=float(self._angle[2]),
-            q_ned_from_body=q,
-            rate_body_rad_s=rate,
-            specific_force_body_m_s2=force,
-            wind_ned_m_s=wind,
-        )
