@@ -15,6 +15,8 @@ from enum import IntEnum, StrEnum
 
 DO_JUMP = 177
 NAV_WAYPOINT = 16
+# MAV_FRAME: WGS-84 with altitudes above mean sea level, and above home.
+FRAME_GLOBAL, FRAME_GLOBAL_RELATIVE_ALT = 0, 3
 MAX_ITEMS = 5000
 PARAMETERS = 7
 
@@ -42,7 +44,9 @@ class AltitudeDatum(StrEnum):
     GROUND = "ground"
 
 
-_DATUM_OF_FRAME = {0: AltitudeDatum.AMSL, 3: AltitudeDatum.HOME, 10: AltitudeDatum.GROUND}
+_DATUM_OF_FRAME = {
+    FRAME_GLOBAL: AltitudeDatum.AMSL, FRAME_GLOBAL_RELATIVE_ALT: AltitudeDatum.HOME, 10: AltitudeDatum.GROUND,
+}  # fmt: skip
 
 
 class MissionType(IntEnum):
@@ -51,6 +55,11 @@ class MissionType(IntEnum):
     MISSION = 0
     FENCE = 1
     RALLY = 2
+
+    @property
+    def words(self) -> str:
+        """What an operator calls it."""
+        return ("mission", "fence", "rally points")[self]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-import numpy as np
-
+from estimator.geometry.checks import check_step, check_vectors
 from estimator.geometry.rotation import wrap_pi
 from estimator.types import Float
 from guidance.path_following import PathReference
@@ -153,11 +152,7 @@ class FlightState:
     yaw_rad: float
 
     def __post_init__(self) -> None:
-        for name in ("pos_ned_m", "vel_ned_m_s"):
-            vector = getattr(self, name)
-            if np.shape(vector) != (3,) or not np.all(np.isfinite(vector)):
-                message = f"{name} must be three finite numbers, not {vector}"
-                raise ValueError(message)
+        check_vectors(pos_ned_m=self.pos_ned_m, vel_ned_m_s=self.vel_ned_m_s)
         for name in ("roll_rad", "pitch_rad", "yaw_rad"):
             if not math.isfinite(getattr(self, name)):
                 message = f"{name} must be finite, not {getattr(self, name)}"
@@ -181,9 +176,7 @@ class OuterLoop:
         ValueError
             ``dt_s`` is not above 0 and at most 1 s.
         """
-        if not 0.0 < dt_s <= _LONGEST_STEP_S:
-            message = f"dt_s must be above 0 and at most {_LONGEST_STEP_S} s, not {dt_s}"
-            raise ValueError(message)
+        check_step(dt_s, _LONGEST_STEP_S)
         off = _level_axes(reference.pos_ned_m - state.pos_ned_m, state.yaw_rad)
         lacking = _level_axes(reference.vel_ned_m_s - state.vel_ned_m_s, state.yaw_rad)
         config = self.config

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from estimator.geometry.checks import check_vectors
 from estimator.types import Float
 
 _CUBIC: Float = np.array(((2.0, -2.0, 1.0, 1.0), (-3.0, 3.0, -2.0, -1.0), (0.0, 0.0, 1.0, 0.0), (1.0, 0.0, 0.0, 0.0)))
@@ -53,9 +54,7 @@ class CubicSegment:
         names = ("start_ned_m", "end_ned_m", "start_tangent_ned_m", "end_tangent_ned_m")
         for name in names:
             vector = np.array(getattr(self, name), np.float64)
-            if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-                message = f"{name} must be three finite numbers, not {getattr(self, name)}"
-                raise ValueError(message)
+            check_vectors(**{name: vector})
             vector.setflags(write=False)
             object.__setattr__(self, name, vector)
         if float(np.linalg.norm(self.end_ned_m - self.start_ned_m)) < _SMALLEST_M:

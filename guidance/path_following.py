@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from estimator.geometry.checks import check_step, check_vectors
 from estimator.types import Float
 from guidance.path import PathSegment
 from guidance.velocity_profile import (
@@ -175,13 +176,8 @@ class PathFollower:
         if not self._segments:
             message = "there is no segment to follow"
             raise ValueError(message)
-        if not 0.0 < dt_s <= _LONGEST_STEP_S:
-            message = f"dt_s must be above 0 and at most {_LONGEST_STEP_S} s, not {dt_s}"
-            raise ValueError(message)
-        for name, vector in (("pos_ned_m", pos_ned_m), ("vel_ned_m_s", vel_ned_m_s)):
-            if np.shape(vector) != (3,) or not np.all(np.isfinite(vector)):
-                message = f"{name} must be three finite numbers, not {vector}"
-                raise ValueError(message)
+        check_step(dt_s, _LONGEST_STEP_S)
+        check_vectors(pos_ned_m=pos_ned_m, vel_ned_m_s=vel_ned_m_s)
         if not math.isfinite(yaw_rad):
             message = f"yaw_rad must be finite, not {yaw_rad}"
             raise ValueError(message)

@@ -95,11 +95,12 @@ class Descent:
         if not self.active:
             return NOTHING
         self._state_us = t_us
-        if moving.std_m_s <= STAND_STD_M_S:
-            self._moving, self._moving_us = moving, t_us
+        known = moving if moving.std_m_s <= STAND_STD_M_S else None
+        if known is not None:
+            self._moving, self._moving_us = known, t_us
         if (end := self._watch(t_us, said)) is not None:
             return end
-        return self._go_on(t_us, pad, moving if moving.std_m_s <= STAND_STD_M_S else None)
+        return self._go_on(t_us, pad, known)
 
     def tick(self, t_us: int, said: Telemetry, *, page_there: bool, connected: bool) -> Orders:
         """Orders where time passes, states or none."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
-from backend.link.dialect import command_name
+from backend.link.dialect import INT32_MAX, command_name
 from backend.link.events import CommandResult, CommandStatus
 
 _ACK_TIMEOUT_US = 1_500_000
@@ -30,8 +30,6 @@ _RESULTS = {
     6: CommandStatus.CANCELLED,
 }
 _PARAMETERS = 7
-# The integer form's "not given".
-_INT32_MAX = 0x7FFFFFFF
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,7 @@ class CommandStep:
         if len(self.params) > _PARAMETERS:
             message = f"command {self.command}: {len(self.params)} parameters given, MAVLink has {_PARAMETERS}"
             raise ValueError(message)
-        if self.frame is not None and any(abs(value) > _INT32_MAX for value in self.params[4:6]):
+        if self.frame is not None and any(abs(value) > INT32_MAX for value in self.params[4:6]):
             message = f"command {self.command}: parameters 5 and 6 exceed 32 bits: {self.params[4:6]}"
             raise ValueError(message)
 
@@ -147,7 +145,7 @@ class CommandChannel:
             return _dialect.MAVLink_command_long_message(
                 self.system_id, self.component_id, step.command, confirmation, *params
             )
-        x, y = (_INT32_MAX if math.isnan(value) else round(value) for value in params[4:6])
+        x, y = (INT32_MAX if math.isnan(value) else round(value) for value in params[4:6])
         return _dialect.MAVLink_command_int_message(
             self.system_id, self.component_id, step.frame, step.command, 0, 0, *params[:4], x, y, params[6]
         )

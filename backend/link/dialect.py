@@ -9,6 +9,8 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
 MESSAGES: dict[int, Any] = _dialect.mavlink_map
+INT32_MAX = 0x7FFFFFFF
+"""As parameter 5 or 6 of an integer form: not given."""
 
 # An opaque byte field of this length can hold a whole packet (the shortest, version 1 with one byte, has 9; a
 # heartbeat has 17): a log sent through a file transfer, a tunnel, a status text that quotes bytes.

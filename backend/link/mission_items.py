@@ -9,13 +9,9 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
-from backend.link.dialect import command_name
+from backend.link.dialect import INT32_MAX, command_name
 from backend.link.events import Autopilot
-from guidance.mission import DO_JUMP, NAV_WAYPOINT, Home, Mission, MissionItem, MissionType
-
-_FRAME_GLOBAL = 0
-# The integer form's "not given".
-_INT32_MAX = 0x7FFFFFFF
+from guidance.mission import DO_JUMP, FRAME_GLOBAL, NAV_WAYPOINT, Home, Mission, MissionItem, MissionType
 
 
 def item_message(item: MissionItem, seq: int, kind: MissionType, system_id: int, component_id: int) -> Any:
@@ -35,7 +31,7 @@ def counts_of(item: MissionItem) -> tuple[int, int]:
     counts: list[int] = []
     for number, value in zip((5, 6), item.params[4:6], strict=True):
         if math.isnan(value):
-            counts.append(_INT32_MAX)
+            counts.append(INT32_MAX)
             continue
         if item.counts_per_unit == 1.0 and value != round(value):
             message = f"{command_name(item.command)}: parameter {number} is {value}, MAVLink has whole numbers there"
@@ -48,7 +44,7 @@ def item_of_message(m: Any) -> MissionItem:
     """The item that a MISSION_ITEM_INT carries; ValueError says what makes it none."""
     params = (m.param1, m.param2, m.param3, m.param4)
     scale = MissionItem(m.command, m.frame, (*params, 0.0, 0.0, m.z)).counts_per_unit
-    x, y = (math.nan if count == _INT32_MAX else count / scale for count in (m.x, m.y))
+    x, y = (math.nan if count == INT32_MAX else count / scale for count in (m.x, m.y))
     return MissionItem(m.command, m.frame, (*params, x, y, m.z), bool(m.autocontinue))
 
 
@@ -85,7 +81,7 @@ def home_of_vehicle(items: Sequence[MissionItem], autopilot: Autopilot) -> Home 
 
 def _home_item(home: Home | None) -> MissionItem:
     place = (0.0, 0.0, 0.0) if home is None else (home.lat_deg, home.lon_deg, home.alt_amsl_m)
-    return MissionItem(NAV_WAYPOINT, _FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0, *place))
+    return MissionItem(NAV_WAYPOINT, FRAME_GLOBAL, (0.0, 0.0, 0.0, 0.0, *place))
 
 
 def _renumbered(item: MissionItem, by: int) -> MissionItem:

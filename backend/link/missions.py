@@ -47,7 +47,6 @@ _RESULTS = {
     14: (CommandStatus.DENIED, "the vehicle takes none from this station"),
     15: (CommandStatus.CANCELLED, "the vehicle cancelled it"),
 }
-_NAMES = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}
 
 
 @dataclass(slots=True)
@@ -270,7 +269,7 @@ class MissionChannel:
         received = run.action is TransferAction.DOWNLOAD
         done, total = (len(run.items), run.total or 0) if received else (len(run.served), len(run.items))
         items = tuple(run.items) if received and status is CommandStatus.ACCEPTED else ()
-        text = f"{_NAMES[run.kind]}: {text}"
+        text = f"{run.kind.words}: {text}"
         return TransferNews(
             t_us, self._system_id, run.transfer_id, run.action, run.kind, status, text, done, total, items, unconfirmed
         )
@@ -281,7 +280,7 @@ class MissionChannel:
         if step <= run.progress:
             return []
         run.progress = step
-        text = f"{_NAMES[run.kind]}: {done} of {total} items"
+        text = f"{run.kind.words}: {done} of {total} items"
         return [
             TransferNews(
                 t_us, self._system_id, run.transfer_id, run.action, run.kind, CommandStatus.IN_PROGRESS, text, done,

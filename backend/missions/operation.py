@@ -13,8 +13,6 @@ from backend.missions.plan import RallyPoint
 from guidance.geofence import Geofence
 from guidance.mission import Mission, MissionItem, MissionType
 
-NAMES = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}
-
 
 @dataclass(frozen=True, slots=True)
 class Step:
@@ -74,11 +72,11 @@ class Sending:
         sent, held = (self._own(kind, part) for part in (items, news.items))
         comparison = compare(sent, held)
         if not comparison.same:
-            reason = f"{NAMES[kind]}: the vehicle holds something else: {told(comparison.wrong)}"
+            reason = f"{kind.words}: the vehicle holds something else: {told(comparison.wrong)}"
             return self._failed(CommandStatus.FAILED, reason)
         if comparison.dropped:
-            self._notes.append(f"{NAMES[kind]}: not kept by the vehicle: {told(comparison.dropped)}")
-        self._done.append(f"{NAMES[kind]} of {len(sent)} items" if sent else f"{NAMES[kind]} cleared")
+            self._notes.append(f"{kind.words}: not kept by the vehicle: {told(comparison.dropped)}")
+        self._done.append(f"{kind.words} of {len(sent)} items" if sent else f"{kind.words} cleared")
         del self._parts[0]
         if self._parts:
             return self._put()
@@ -116,7 +114,7 @@ class Fetching:
         if news.status is CommandStatus.ACCEPTED:
             self._held[kind] = news.items
         elif news.status is CommandStatus.UNSUPPORTED and kind is not MissionType.MISSION:
-            self._unsupported.append(NAMES[kind])
+            self._unsupported.append(kind.words)
         else:
             return End(news.status, news.text)
         del self._kinds[0]

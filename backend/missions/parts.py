@@ -10,10 +10,9 @@ from backend.link.events import Autopilot
 from backend.link.mission_items import items_for_vehicle
 from backend.missions.plan import Plan, RallyPoint
 from guidance.geofence import FenceCircle, FencePolygon, Geofence
-from guidance.mission import Home, MissionItem, MissionType
+from guidance.mission import FRAME_GLOBAL, FRAME_GLOBAL_RELATIVE_ALT, Home, MissionItem, MissionType
 
 RETURN_POINT, POLYGON_IN, POLYGON_OUT, CIRCLE_IN, CIRCLE_OUT, RALLY_POINT = 5000, 5001, 5002, 5003, 5004, 5100
-_GLOBAL, _GLOBAL_RELATIVE_ALT = 0, 3
 
 
 def items_of_part(plan: Plan, kind: MissionType, autopilot: Autopilot) -> tuple[MissionItem, ...]:
@@ -30,14 +29,14 @@ def fence_items(fence: Geofence) -> tuple[MissionItem, ...]:
     items: list[MissionItem] = []
     if fence.breach_return is not None:
         at = fence.breach_return
-        items.append(_item(RETURN_POINT, _GLOBAL, 0.0, at.lat_deg, at.lon_deg, at.alt_amsl_m))
+        items.append(_item(RETURN_POINT, FRAME_GLOBAL, 0.0, at.lat_deg, at.lon_deg, at.alt_amsl_m))
     for polygon in fence.polygons:
         command = POLYGON_IN if polygon.inclusion else POLYGON_OUT
         count = float(len(polygon.vertices_deg))
-        items += [_item(command, _GLOBAL, count, lat_deg, lon_deg, 0.0) for lat_deg, lon_deg in polygon.vertices_deg]
+        items += [_item(command, FRAME_GLOBAL, count, *vertex_deg, 0.0) for vertex_deg in polygon.vertices_deg]
     for circle in fence.circles:
         command = CIRCLE_IN if circle.inclusion else CIRCLE_OUT
-        items.append(_item(command, _GLOBAL, circle.radius_m, circle.lat_deg, circle.lon_deg, 0.0))
+        items.append(_item(command, FRAME_GLOBAL, circle.radius_m, circle.lat_deg, circle.lon_deg, 0.0))
     return tuple(items)
 
 
@@ -73,14 +72,14 @@ def fence_of_items(items: Sequence[MissionItem]) -> Geofence:
 
 def rally_items(points: Sequence[RallyPoint]) -> tuple[MissionItem, ...]:
     """Rally points as items, their altitude above home."""
-    return tuple(_item(RALLY_POINT, _GLOBAL_RELATIVE_ALT, 0.0, p.lat_deg, p.lon_deg, p.alt_rel_m) for p in points)
+    return tuple(_item(RALLY_POINT, FRAME_GLOBAL_RELATIVE_ALT, 0.0, p.lat_deg, p.lon_deg, p.alt_rel_m) for p in points)
 
 
 def rally_of_items(items: Sequence[MissionItem]) -> tuple[RallyPoint, ...]:
     """The rally points of a vehicle's items; ValueError says which of them is none."""
     points: list[RallyPoint] = []
     for seq, item in enumerate(items):
-        if item.command != RALLY_POINT or item.plain_frame != _GLOBAL_RELATIVE_ALT or item.place_deg is None:
+        if item.command != RALLY_POINT or item.plain_frame != FRAME_GLOBAL_RELATIVE_ALT or item.place_deg is None:
             message = f"rally item {seq}: {command_name(item.command)} in frame {item.frame} is no point above home"
             raise ValueError(message)
         points.append(RallyPoint(*item.place_deg, item.params[6]))

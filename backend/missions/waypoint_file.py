@@ -9,13 +9,12 @@ from __future__ import annotations
 import re
 
 from backend.errors import PlanFileError
-from guidance.mission import DO_JUMP, MAX_ITEMS, NAV_WAYPOINT, Home, Mission, MissionError, MissionItem
+from guidance.mission import DO_JUMP, FRAME_GLOBAL, MAX_ITEMS, NAV_WAYPOINT, Home, Mission, MissionError, MissionItem
 
 MARK = "QGC WPL"
 _VERSION = "110"
 _COLUMNS = 12
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan", re.ASCII | re.IGNORECASE)
-_FRAME_GLOBAL = 0
 
 
 def read_waypoints(text: str) -> Mission:
@@ -74,7 +73,7 @@ def _whole(value: float, number: int, column: int) -> int:
 
 
 def _is_home(item: MissionItem) -> bool:
-    return item.command == NAV_WAYPOINT and item.frame == _FRAME_GLOBAL
+    return item.command == NAV_WAYPOINT and item.frame == FRAME_GLOBAL
 
 
 def _jump_later(item: MissionItem) -> MissionItem:

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 from scipy.signal import tf2ss
 
+from estimator.geometry.checks import check_step, check_vectors
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_euler, wrap_pi
 from estimator.types import Float
@@ -188,10 +189,7 @@ class Rmax:
         self, frame: LocalFrame, pos_ned_m: Float, yaw_rad: float, seed: int, wind_ned_m_s: Float, gust_std_m_s: float,
         config: RmaxConfig | None = None,
     ) -> None:  # fmt: skip
-        for name, vector in (("pos_ned_m", pos_ned_m), ("wind_ned_m_s", wind_ned_m_s)):
-            if np.shape(vector) != (3,) or not np.all(np.isfinite(vector)):
-                message = f"{name} must be three finite numbers, not {vector}"
-                raise ValueError(message)
+        check_vectors(pos_ned_m=pos_ned_m, wind_ned_m_s=wind_ned_m_s)
         if not (math.isfinite(yaw_rad) and math.isfinite(gust_std_m_s) and gust_std_m_s >= 0.0):
             message = f"yaw_rad must be finite and gust_std_m_s not negative, not {yaw_rad} and {gust_std_m_s}"
             raise ValueError(message)
@@ -217,9 +215,7 @@ class Rmax:
         ValueError
             ``dt_s`` is not above 0 and at most 0.1 s: the integration is of second order.
         """
-        if not 0.0 < dt_s <= _LONGEST_STEP_S:
-            message = f"dt_s must be above 0 and at most {_LONGEST_STEP_S} s, not {dt_s}"
-            raise ValueError(message)
+        check_step(dt_s, _LONGEST_STEP_S)
         wind = self._mean_wind + self._gust.step(dt_s) * (1.0, 1.0, 0.5)
         before, after = self._attitude.response, self._attitude.step(dt_s, command)
         slope, yaw_rate = self._slopes(self._uvw, self._yaw_rad, before, wind)
