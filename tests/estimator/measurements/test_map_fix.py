@@ -1,4 +1,5 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -223,6 +224,29 @@ def test_axis_on_which_a_picture_tells_too_little_is_left_out(least: float, numb
 
     assert report.accepted
     assert eskf.innovations["fix"].numbers == numbers
+
+
+@pytest.mark.parametrize("use_windows", [True, False])
+def test_doubt_makes_a_match_count_less_and_its_innovation_no_smaller(use_windows: bool) -> None:
+    """Its normalised square is of what a right match may be off by, however the probability of one is."""
+    # The density says a place to a metre or two, windows to centimetres: the prior must not hide what they add.
+    std = STD if use_windows else {**STD, "position": (1.0, 1.0, 1.0), "attitude": (0.001, 0.001, 0.001)}
+    told, sure = [], []
+    for probability in (0.0, 0.8):
+        fixer, eskf = _fixer(use_windows=use_windows), _filter(np.array([1.0, -1.0, 0.0, 0.0, 0.0, 0.0]), std=std)
+        register = fixer.registrar.register
+
+        def doubted(*asked: object, register: Any = register, probability: float = probability) -> Any:
+            return replace(register(*asked), outlier_probability=probability)
+
+        fixer.registrar.register = doubted  # type: ignore[method-assign]
+        report = _attempt(fixer, eskf, _picture(np.random.default_rng(4)))
+        assert report.accepted, report.reason
+        told.append(eskf.innovations["fix"].nis_per_dof)
+        sure.append(_std_m(eskf)[-1])
+
+    assert sure[1] > 1.1 * sure[0]
+    assert told[1] == pytest.approx(told[0], rel=1e-6)
 
 
 def test_off_the_map_is_refused_and_counted() -> None:
