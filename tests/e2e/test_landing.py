@@ -137,17 +137,20 @@ def begin(landing: Landing) -> None:
 
 
 def held(page: Page) -> bool:
-    """Whether holding the button for a while began a landing."""
+    """Whether holding the button for a while began a landing, though a line comes above it and moves it meanwhile."""
     box = page.get_by_test_id("land").bounding_box()
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     page.mouse.down()
+    panel = page.get_by_test_id("landing")
+    panel.evaluate("panel => { panel.style.paddingTop = '60px'; }")
     try:
         page.locator("[data-testid=landing-bar]:not([data-phase=hold])").wait_for(timeout=HOLD_MS)
     except TimeoutError:
         return False
     finally:
         page.mouse.up()
+        panel.evaluate("panel => { panel.style.paddingTop = ''; }")
     return True
 
 
