@@ -28,9 +28,14 @@ frontend/dist/index.html: .stamps/node $(FRONTEND_SOURCES)
 chromium:
 	@sh tests/e2e/install_chromium.sh $(CHROMIUM)
 
+# Tests without a clock of their own share the two cores; those that run a station in real time follow, one at a time.
+TIMELESS := tests/estimator tests/geodata tests/guidance tests/benchmarks tests/simulator \
+	tests/backend/replay tests/backend/photos tests/backend/evidence
+
 test: setup chromium
 	cd frontend && npm test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(TIMELESS)
+	$(BIN)/python -m pytest $(addprefix --ignore=,$(TIMELESS))
 
 check: setup
 	$(BIN)/ruff check .
