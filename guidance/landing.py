@@ -9,26 +9,20 @@ The profile is slow, as in the flight of chapter 6 there (15 m in 55 s): a const
 height, then that of touchdown. Horizontally the wanted velocity is proportional to the offset, within limits of speed
 and acceleration.
 
-The set-point is not the wanted velocity. An autopilot without GPS flies by a velocity of its own that drifts, so the
-estimate's velocity closes a loop around it: a multiple of the velocity's error is added, and its integral, the trim;
-the acceleration is taken off, or a helicopter, whose thrust must turn first, would swing.
+What goes to the autopilot is not the wanted velocity: see ``guidance.velocity_loop``.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
 
 from estimator.robust import largest_std
 from estimator.types import Float, PadMode, PadRelative
-
-_ACROSS = np.array((1.0, 1.0, 0.2))
-"""How much of the loop is closed on each axis: height is known to the autopilot itself."""
-_MAX_STEP_S = 0.5
-"""A longer pause between two calls counts as this: nothing is integrated over it."""
+from guidance.velocity_loop import VelocityLoop, VelocityLoopConfig, changed
 
 
 class LandingPhase(StrEnum):
@@ -48,11 +42,7 @@ class LandingConfig:
 
     ``gear_m`` is how high the vehicle's reference point is when it stands. The sink is ``sink_per_s`` times the height,
     within ``touchdown_sink_m_s`` and ``sink_m_s``. The funnel's radius is ``funnel_m`` plus ``funnel_slope`` times the
-    height; half as far again outside it nothing sinks. ``velocity_gain``, ``trim_per_s`` and ``damping_s`` (by the
-    acceleration) close the loop around the autopilot's own velocity; the trim stays within ``trim_m_s``. They are
-    chosen for a helicopter whose velocity follows in 1.3 s, and hold from half to three times as fast. Where estimates
-    come less often than every ``pace_s`` (the longest pause counts, for some ``pace_memory_s``) less of it is closed:
-    a set-point that is held for half a second at full gain makes the vehicle swing ever wider.
+    height; half as far again outside it nothing sinks. ``loop`` is closed around the autopilot's own velocity.
 
     Above ``decision_height_m`` the landing is given up where the pad was last seen ``lost_after_s`` ago, or its place
     is known worse than ``std_m``, or it has not come down for ``patience_s``; ``hold_after_s`` after the pad was last
@@ -69,13 +59,7 @@ class LandingConfig:
     touchdown_sink_m_s: float = 0.3
     funnel_m: float = 0.12
     funnel_slope: float = 0.08
-    velocity_gain: float = 2.5
-    trim_per_s: float = 2.0
-    damping_s: float = 1.0
-    damping_time_s: float = 0.1
-    pace_s: float = 0.15
-    pace_memory_s: float = 3.0
-    trim_m_s: float = 3.0
+    loop: VelocityLoopConfig = field(default_factory=VelocityLoopConfig)
     decision_height_m: float = 1.5
     touchdown_height_m: float = 0.35
     hold_after_s: float = 0.4
@@ -130,11 +114,7 @@ class LandingGuidance:
         self._lowest_us = 0
         self._still_s = self._touchdown_s = 0.0
         self._wanted: Float = np.zeros(3)
-        self._trim: Float = np.zeros(3) if trim_ned_m_s is None else np.array(trim_ned_m_s, dtype=np.float64)
-        self._seen_us: int | None = None
-        self._pace_s = 0.0
-        self._vel: Float | None = None
-        self._acceleration: Float = np.zeros(3)
+        self._loop = VelocityLoop(self.config.loop, trim_ned_m_s)
 
     @property
     def over(self) -> bool:
@@ -144,7 +124,7 @@ class LandingGuidance:
     @property
     def trim_ned_m_s(self) -> Float:
         """What the autopilot's own velocity is found to be off by, (3,)."""
-        return self._trim.copy()
+        return self._loop.trim_ned_m_s
 
     def stand(self, t_us: int, vel_ned_m_s: Float | None) -> LandingCommand:
         """Stand still over the ground once it is aborted, by a velocity (3,) over it; None where that is not known.
@@ -154,8 +134,7 @@ class LandingGuidance:
         self._go_on_to(t_us)
         if vel_ned_m_s is None:
             return self._stop()
-        dt_s = self._since_last_estimate_s(t_us)
-        self._seen_us = t_us
+        dt_s = self._loop.since_last_s(t_us)
         self._change(np.zeros(3), dt_s)
         command = self._close(np.asarray(vel_ned_m_s, dtype=np.float64), dt_s, self.reason)
         return replace(command, phase=LandingPhase.HOLD)
@@ -174,7 +153,7 @@ class LandingGuidance:
         if pad is None or not known:
             return self._blind(t_us)
         height_m = -float(pad.pos_ned_m[2]) - self.config.gear_m
-        dt_s = self._since_last_estimate_s(t_us)
+        dt_s = self._loop.since_last_s(t_us)
         if self._decide(t_us, pad, height_m, dt_s):
             return self._stop()
         away_m = float(np.hypot(*pad.pos_ned_m[:2]))
@@ -190,35 +169,26 @@ class LandingGuidance:
             raise ValueError(message)
         self._t_us = t_us
 
-    def _since_last_estimate_s(self, t_us: int) -> float:
-        """Since the last call with an estimate; calls without one in between are no steps of the loop."""
-        if self._seen_us is None:
-            return 0.0
-        dt_s = min((t_us - self._seen_us) / 1e6, _MAX_STEP_S)
-        forgotten = math.exp(-dt_s / self.config.pace_memory_s)
-        self._pace_s = max(dt_s, dt_s + forgotten * (self._pace_s - dt_s))
-        return dt_s
-
     def _stop(self) -> LandingCommand:
-        """Stand still over the ground: the trim goes on, or the autopilot's own error would move the vehicle."""
-        return LandingCommand(self.phase, self._trim * (1.0, 1.0, 0.0), np.zeros(3), self.reason)
+        """Stand still over the ground."""
+        return LandingCommand(self.phase, self._loop.level_trim_ned_m_s, np.zeros(3), self.reason)
 
     def _blind(self, t_us: int) -> LandingCommand:
         """Without any estimate: wait a little, or go on down where it is committed."""
-        last_us = self._began_us if self._seen_us is None else self._seen_us
+        last_us = self._began_us if self._loop.seen_us is None else self._loop.seen_us
         wanted = np.zeros(3)
         if self.phase is LandingPhase.TOUCHDOWN or self._lowest_m < self.config.decision_height_m:
             wanted[2] = self.config.touchdown_sink_m_s
         elif t_us - last_us > self.config.lost_after_s * 1e6:
-            self.abort("the pad has not been seen" if self._seen_us is None else "there is no estimate any more")
-        return LandingCommand(self.phase, wanted + self._trim * (1.0, 1.0, 0.0), wanted, self.reason or "no pad known")
+            self.abort("the pad has not been seen" if self._loop.seen_us is None else "there is no estimate any more")
+        set_point = wanted + self._loop.level_trim_ned_m_s
+        return LandingCommand(self.phase, set_point, wanted, self.reason or "no pad known")
 
     def _decide(self, t_us: int, pad: PadRelative, height_m: float, dt_s: float) -> bool:
         """Pass on to the next phase where it is time; whether that is the last."""
         config = self.config
         if height_m < self._lowest_m - 0.1 or not math.isfinite(self._lowest_m):
             self._lowest_m, self._lowest_us = height_m, t_us
-        self._seen_us = t_us
         if self.phase is LandingPhase.APPROACH and self._within(pad, height_m):
             self.phase = LandingPhase.DESCEND
         committed = self.phase is not LandingPhase.APPROACH and height_m < config.decision_height_m
@@ -281,30 +251,11 @@ class LandingGuidance:
 
     def _change(self, goal_ned_m_s: Float, dt_s: float) -> None:
         """The wanted velocity towards its goal, within the limit of acceleration."""
-        change = goal_ned_m_s - self._wanted
-        for part in (slice(0, 2), slice(2, 3)):
-            size = float(np.linalg.norm(change[part]))
-            change[part] *= min(1.0, self.config.acceleration_m_s2 * dt_s / size) if size > 0.0 else 0.0
-        self._wanted = self._wanted + change
+        self._wanted = changed(self._wanted, goal_ned_m_s, self.config.acceleration_m_s2 * dt_s)
 
     def _close(self, vel_ned_m_s: Float, dt_s: float, why: str) -> LandingCommand:
-        config = self.config
-        lacking = self._wanted - vel_ned_m_s
-        share = min(1.0, config.pace_s / self._pace_s) if self._pace_s > 0.0 else 1.0
-        if self.phase is not LandingPhase.TOUCHDOWN:
-            # On the ground the wanted velocity is never reached, and the trim would run away.
-            more = share * config.trim_per_s * dt_s * lacking * _ACROSS
-            self._trim = np.clip(self._trim + more, -config.trim_m_s, config.trim_m_s)
-        self._note_acceleration(vel_ned_m_s, dt_s)
-        closing = config.velocity_gain * lacking - config.damping_s * self._acceleration
-        command = self._wanted + self._trim + share * closing * _ACROSS
-        if self.phase is LandingPhase.TOUCHDOWN:
+        on_ground = self.phase is LandingPhase.TOUCHDOWN
+        command = self._loop.close(self._wanted, vel_ned_m_s, dt_s, free=not on_ground)
+        if on_ground:
             command[2] = self._wanted[2]
         return LandingCommand(self.phase, command, self._wanted.copy(), why)
-
-    def _note_acceleration(self, vel_ned_m_s: Float, dt_s: float) -> None:
-        if self._vel is not None and dt_s > 0.0:
-            now = (vel_ned_m_s - self._vel) / dt_s
-            share = 1.0 - math.exp(-dt_s / self.config.damping_time_s)
-            self._acceleration = self._acceleration + share * (now - self._acceleration)
-        self._vel = np.array(vel_ned_m_s)
