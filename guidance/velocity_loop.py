@@ -70,7 +70,8 @@ class VelocityLoop:
     @property
     def level_trim_ned_m_s(self) -> Float:
         """The set-point (3,) that keeps a vehicle still: the trim goes on, or the autopilot's error would move it."""
-        return self._trim * _LEVEL
+        level: Float = self._trim * _LEVEL
+        return level
 
     def since_last_s(self, t_us: int) -> float:
         """Note an estimate; how long after the last, which calls without one in between do not change."""
