@@ -40,6 +40,7 @@ from backend.fleet.placing import Placing
 from backend.fleet.vehicle import LiveVehicle, VehicleView
 from backend.flights import FlightShelf
 from backend.following.service import Following
+from backend.guided.service import Guided
 from backend.hub import Hub
 from backend.landing.service import Landings
 from backend.mapping import StationMaps
@@ -82,8 +83,9 @@ class Station:
         self.flights = FlightShelf(settings.data_dir / "flights", settings.flights)
         self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
+        self.guided = Guided(lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command)
         self.landings = Landings(
-            settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command,
+            settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self.guided,
             settings.gear_height_m,
         )  # fmt: skip
         self.missions = Missions(settings.data_dir / "plans", self._link_of, self.hub.publish)
@@ -167,7 +169,8 @@ class Station:
     async def stop(self) -> None:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
-        await self.landings.close()
+        self.landings.close()
+        await self.guided.close()
         await self.missions.close()
         await self._ticker.stop()
         await self.placing.close()
@@ -272,7 +275,7 @@ class Station:
         """Send a command; returns the id under which its acknowledgement will come."""
         vehicle = self.live_vehicle(vehicle_id)
         command_id = self._send_command(vehicle, body)
-        self.landings.pilot.overrule(vehicle, body.command)
+        self.guided.pilot.overrule(vehicle, body.command)
         return command_id
 
     def _send_command(self, vehicle: LiveVehicle, body: CommandBody) -> str:
@@ -461,6 +464,7 @@ class Station:
         return None if link is None or vehicle is None else link.station_time_us(vehicle.system_id, t_vehicle_unix_us)
 
     def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
+        self.guided.on_state(vehicle, update.state)
         self.landings.on_state(vehicle, update)
         camera_vehicle = self._camera_vehicle()
         if camera_vehicle is None or camera_vehicle is vehicle:

@@ -61,6 +61,7 @@ class Ticker:
             self._say_state(vehicle)
             if self._ticks % 5 == 0:
                 station.hub.publish("telemetry", **vehicle.telemetry_message())
+        station.guided.tick()
         station.landings.tick()
         if self._ticks % 10 == 0:
             self._say_health()

@@ -56,3 +56,10 @@ def _radius_m(major: float, minor: float, probability: float) -> float:
         outside = float(np.mean(np.exp(-0.5 * radius**2 * inverse) / inverse)) / (major * minor)
         low, high = (radius, high) if outside > 1.0 - probability else (low, radius)
     return 0.5 * (low + high)
+
+
+def worst_std(cov: Float) -> float:
+    """One sigma along the direction in which it is largest; NaN where the covariance is not known."""
+    if not np.all(np.isfinite(cov)):
+        return math.nan
+    return math.sqrt(max(float(np.linalg.eigvalsh(cov)[-1]), 0.0))

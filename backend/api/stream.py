@@ -32,7 +32,7 @@ async def stream(socket: WebSocket, page: str = "") -> None:
     await socket.accept()
     mailbox = station.hub.open()
     station.metrics.clients.inc()
-    station.landings.pages.opened(page)
+    station.guided.pages.opened(page)
     try:
         # Opened first: what happens while hello is prepared follows it and is not missed.
         hello = await station.hello()
@@ -46,7 +46,7 @@ async def stream(socket: WebSocket, page: str = "") -> None:
             await socket.close(INTERNAL_ERROR, "the station failed to serve this stream")
     finally:
         station.hub.close(mailbox)
-        station.landings.pages.closed(page)
+        station.guided.pages.closed(page)
         station.metrics.clients.dec()
 
 
@@ -83,7 +83,7 @@ async def _receive(socket: WebSocket, mailbox: Mailbox, station: Station, page: 
         message = await socket.receive()
         if message["type"] == "websocket.disconnect":
             return
-        station.landings.pages.heard(page)
+        station.guided.pages.heard(page)
         text = message.get("text") or ""
         if len(text) > MAX_CLIENT_TEXT:
             continue

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from backend.fleet.vehicle import LiveVehicle
-from backend.landing.messages import worst_std
 from backend.link.landing_target import TargetForm, target_in_body, target_in_local
+from backend.uncertainty import worst_std
 from estimator.measurements.pad_tracking import PadConfig
 from estimator.types import NavigationState, PadMode
 

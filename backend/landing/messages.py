@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 from backend.fleet.messages import finite
 from backend.landing.view import outlines_px
 from backend.navigation.setup import NavigationSetup
 from backend.schemas.landing import PadBody, RingBody, TagBody
+from backend.uncertainty import worst_std
 from estimator.geometry.rotation import euler_from_q, matrix_from_q
 from estimator.landing.pad import Pad, TagPad
 from estimator.landing.pose import PadPose
@@ -101,10 +100,3 @@ def coast_left_s(relative: PadRelative, landing_std_m: float = PadConfig().landi
     place, velocity = worst_std(relative.cov_pos_ned_m2), max(worst_std(relative.cov_vel_ned_m2_s2), 1e-3)
     first = max(place**2 - (velocity * relative.age_s) ** 2, 0.0)
     return max(math.sqrt(max(landing_std_m**2 - first, 0.0)) / velocity - relative.age_s, 0.0)
-
-
-def worst_std(cov: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    """One sigma along the direction in which it is largest; NaN where the covariance is not known."""
-    if not np.all(np.isfinite(cov)):
-        return math.nan
-    return math.sqrt(max(float(np.linalg.eigvalsh(cov)[-1]), 0.0))

@@ -7,32 +7,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import structlog
-
 from backend.clock import mono_us, unix_us
 from backend.errors import CommandRefusedError, ConflictError, NoPadError, StationError
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
+from backend.guided.service import Guided
 from backend.landing.aiding import Aiding
 from backend.landing.gaze import PAN_TILT, Gaze
 from backend.landing.messages import place_fields
 from backend.landing.pads import Pads
-from backend.landing.pages import Pages
-from backend.landing.pilot import LandingPilot, Wires
+from backend.landing.pilot import LandingPilot
 from backend.landing.view import PadView, Pictures, pad_view
 from backend.link.landing_target import LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ, TargetForm, form_for
 from backend.navigation.worker import StateUpdate
 from backend.schemas.landing import LandingRequest
-from backend.schemas.vehicles import CommandBody
 from estimator.landing.pad import Pad
 from estimator.types import FrameSample, Mode
 from guidance.landing import LandingConfig
 
 STALE_US = 500_000
 VIEW_OF_US = 3_000_000
-GOOD_NEWS = frozenset({"landed"})
-
-_log = structlog.get_logger(__name__)
 
 
 class Landings:
@@ -40,16 +34,16 @@ class Landings:
 
     def __init__(
         self, data_dir: Path, vehicles: Callable[[], dict[str, LiveVehicle]],
-        link_of: Callable[[LiveVehicle], LinkEndpoint | None], say: Callable[..., None],
-        command: Callable[[LiveVehicle, CommandBody], str], gear_height_m: float,
+        link_of: Callable[[LiveVehicle], LinkEndpoint | None], say: Callable[..., None], guided: Guided,
+        gear_height_m: float,
     ) -> None:  # fmt: skip
         self.pads = Pads(data_dir)
-        self.pages = Pages()
         self._pictures = Pictures()
         self._vehicles = vehicles
         self._link_of = link_of
         self._say = say
-        self.pilot = LandingPilot(Wires(link_of, command, self._tell), LandingConfig(gear_m=gear_height_m))
+        self._guided = guided
+        self.pilot = LandingPilot(guided.pilot, LandingConfig(gear_m=gear_height_m))
         self._aiding: dict[str, Aiding] = {}
         self._gazes: dict[str, Gaze] = {}
 
@@ -89,12 +83,11 @@ class Landings:
     def ask(self, vehicle: LiveVehicle, body: LandingRequest) -> None:
         """Begin or end what a request says; its errors say why that cannot be."""
         if body.abort:
-            self.pilot.abort(vehicle)
+            self._guided.pilot.abort(vehicle)
         elif body.land:
             _ = self.pad
-            self.pilot.begin(vehicle, self._page(body.page))
-            if vehicle.id not in self._gazes and _turns(vehicle):
-                self._begin_gaze(vehicle, body.page)
+            self.pilot.begin(vehicle, self._guided.page(body.page))
+            self._look(vehicle, body.page)
         if body.aiding is True:
             self._begin_aiding(vehicle, body.page)
         elif body.aiding is False:
@@ -106,45 +99,41 @@ class Landings:
         self._publish(vehicle)
 
     def _begin_aiding(self, vehicle: LiveVehicle, page: str | None) -> None:
-        name = self._page(page)
+        name = self._guided.page(page)
         _ = self.pad
         try:
             form = form_for(vehicle.autopilot)
         except ValueError as error:
             raise CommandRefusedError(str(error)) from None
-        link = self._link(vehicle)
+        link = self._guided.link(vehicle)
         if form is TargetForm.LOCAL:
             link.link.request_rate(vehicle.system_id, LOCAL_POSITION_NED, LOCAL_POSITION_RATE_HZ)
             link.send_soon()
         self._aiding[vehicle.id] = Aiding(form, name)
 
     def _begin_gaze(self, vehicle: LiveVehicle, page: str | None) -> None:
-        name = self._page(page)
+        name = self._guided.page(page)
         _ = self.pad
-        self._link(vehicle)
+        self._guided.link(vehicle)
         if not _turns(vehicle):
             raise CommandRefusedError(
                 f"the camera of vehicle '{vehicle.id}' cannot be turned: its camera file does not say 'pan_tilt'"
             )
         self._gazes[vehicle.id] = Gaze(name)
 
+    def take_over(self, vehicle: LiveVehicle, page: str) -> None:
+        """Land a vehicle that the station flies and that has the pad in sight, for the same page."""
+        self.pilot.go_on(vehicle, page)
+        self._look(vehicle, page)
+
+    def _look(self, vehicle: LiveVehicle, page: str | None) -> None:
+        if vehicle.id not in self._gazes and _turns(vehicle):
+            self._begin_gaze(vehicle, page)
+
     def _end_gaze(self, vehicle: LiveVehicle) -> None:
         gaze = self._gazes.pop(vehicle.id, None)
         if gaze is not None:
             gaze.release(vehicle, self._link_of(vehicle))
-
-    def _page(self, page: str | None) -> str:
-        if page is None or not self.pages.is_there(page, mono_us()):
-            raise ConflictError(
-                "this ends with the page that began it: open /api/v1/stream?page=NAME and give the same name as 'page'"
-            )
-        return page
-
-    def _link(self, vehicle: LiveVehicle) -> LinkEndpoint:
-        link = self._link_of(vehicle)
-        if link is None or not vehicle.connected:
-            raise CommandRefusedError(f"vehicle '{vehicle.id}' is not connected")
-        return link
 
     # --- what happens ---
 
@@ -155,7 +144,6 @@ class Landings:
 
     def on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         """A vehicle's new state: with each goes what is sent to the vehicle."""
-        self.pilot.on_state(vehicle, update.state)
         gaze, wired = self._gazes.get(vehicle.id), self._link_of(vehicle)
         if gaze is not None and wired is not None:
             gaze.point(vehicle, update.state, wired)
@@ -171,25 +159,25 @@ class Landings:
         """Ten times a second: end what nobody looks after any more, and tell how it stands."""
         now_us = unix_us()
         for vehicle in self._vehicles().values():
-            self.pilot.tick(vehicle, self.pages.is_there)
             gaze = self._gazes.get(vehicle.id)
-            if gaze is not None and not self.pages.is_there(gaze.page, mono_us()):
+            if gaze is not None and not self._guided.pages.is_there(gaze.page, mono_us()):
                 self._end_gaze(vehicle)
             aiding = self._aiding.get(vehicle.id)
-            if aiding is not None and not self.pages.is_there(aiding.page, mono_us()):
+            if aiding is not None and not self._guided.pages.is_there(aiding.page, mono_us()):
                 del self._aiding[vehicle.id]
-                self._tell(vehicle, "aiding_ended", "LANDING_TARGET is sent no more: the page that began it has gone")
+                self._guided.tell(
+                    vehicle, "aiding_ended", "LANDING_TARGET is sent no more: the page that began it has gone"
+                )
             elif aiding is not None and (vehicle.latest is None or now_us - vehicle.latest.state.t_us > STALE_US):
                 aiding.silent("the estimator gives no state")
             if self.pads.pad is not None or aiding is not None:
                 self._publish(vehicle)
 
-    async def close(self) -> None:
-        """The station stops: end what it flies."""
+    def close(self) -> None:
+        """The station stops: nothing is sent any more."""
         self._aiding.clear()
         for vehicle in self._vehicles().values():
             self._end_gaze(vehicle)
-        await self.pilot.close(self._vehicles)
 
     # --- what is told ---
 
@@ -229,16 +217,6 @@ class Landings:
 
     def _publish(self, vehicle: LiveVehicle) -> None:
         self._say("landing", **self.message(vehicle))
-
-    def _tell(self, vehicle: LiveVehicle, code: str, text: str) -> None:
-        """A passing alarm: it is told, and does not stand."""
-        now_us = unix_us()
-        severity = "info" if code in GOOD_NEWS else "warning"
-        _log.warning("landing", vehicle=vehicle.id, code=code, text=text)
-        self._say(
-            "alarm", id=f"{code}:{vehicle.id}:{now_us}", vehicle_id=vehicle.id, severity=severity, code=code,
-            text=f"vehicle {vehicle.id}: {text}", active=False, since_unix_us=now_us,
-        )  # fmt: skip
 
 
 def _turns(vehicle: LiveVehicle) -> bool:

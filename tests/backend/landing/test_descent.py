@@ -8,16 +8,8 @@ import numpy as np
 import pytest
 
 from backend.fleet.vehicle import Telemetry
-from backend.landing.descent import (
-    STALE_US,
-    STAND_STD_M_S,
-    STREAM_FIRST_US,
-    TAKEN_WITHIN_US,
-    Descent,
-    Moving,
-    Order,
-    Orders,
-)  # fmt: skip
+from backend.guided.flight import STALE_US, STAND_STD_M_S, STREAM_FIRST_US, TAKEN_WITHIN_US, Moving, Order, Orders
+from backend.landing.descent import Descent
 from backend.link.events import Autopilot
 from estimator.types import Float, PadMode, PadRelative
 from guidance.landing import LandingConfig, LandingPhase

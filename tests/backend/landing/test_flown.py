@@ -16,11 +16,14 @@ from backend.fleet.commands import send_command
 from backend.fleet.fleet import Fleet
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
+from backend.guided import pilot as pilot_module
+from backend.guided.pilot import GuidedPilot, Wires
 from backend.landing import gaze as gaze_module
-from backend.landing import pilot as pilot_module
+from backend.landing import pilot as landing_module
 from backend.landing.aiding import Aiding
+from backend.landing.descent import Descent
 from backend.landing.gaze import Gaze
-from backend.landing.pilot import LandingPilot, Wires
+from backend.landing.pilot import LandingPilot
 from backend.link.events import LinkEvent, SampleEvent
 from backend.link.landing_target import TargetForm
 from backend.link.link import VehicleLink
@@ -74,10 +77,10 @@ class Station(ClosedLoop):
             on_reports=lambda *_: None,
         )  # fmt: skip
         self._link = self.link = Radio(self.fleet)
-        self.pilot = LandingPilot(
-            Wires(lambda _: cast(LinkEndpoint, self), self._command, lambda _, code, text: self.alarms.append(code)),
-            LandingConfig(),
+        self.pilot = GuidedPilot(
+            Wires(lambda _: cast(LinkEndpoint, self), self._command, lambda _, code, text: self.alarms.append(code))
         )
+        self.landing = LandingPilot(self.pilot, LandingConfig())
         self.gaze = Gaze("page")
         self.aiding = Aiding(TargetForm.BODY, "page")
         self._followed_since_us: int | None = None
@@ -104,8 +107,8 @@ class Station(ClosedLoop):
         elif self._followed_since_us is None:
             self._followed_since_us = self.now_us
         elif self.guidance is None and self.now_us - self._followed_since_us > FOLLOWED_US:
-            self.pilot.begin(vehicle, "page")
-            self.guidance = self.pilot._descents["1"]._guidance
+            self.landing.begin(vehicle, "page")
+            self.guidance = cast(Descent, self.pilot.flight_of(vehicle))._guidance
             self.began, self.began_us = self.simulation.state, self.now_us
         self.pilot.on_state(vehicle, state)
         self._count += 1
@@ -129,6 +132,7 @@ def test_the_station_lands_a_helicopter_without_gps(
     station = Station(tmp_path, tmp_path_factory.getbasetemp() / "worlds")
     monkeypatch.setattr(pilot_module, "unix_us", lambda: station.now_us)
     monkeypatch.setattr(pilot_module, "mono_us", lambda: station.now_us)
+    monkeypatch.setattr(landing_module, "unix_us", lambda: station.now_us)
     monkeypatch.setattr(gaze_module, "mono_us", lambda: station.now_us)
 
     landed = station.fly()

@@ -17,7 +17,7 @@ import pytest
 from backend.clock import unix_us
 from backend.demo import free_udp_ports
 from backend.fleet.vehicle import LiveVehicle
-from backend.landing import pages
+from backend.guided import pages
 from backend.navigation.worker import StateUpdate
 from estimator.types import NavigationState, PadMode
 from geodata.pad_file import as_description, pad_from
@@ -327,7 +327,7 @@ async def test_a_landing_takes_the_vehicle_over_and_flies_it_to_the_pad(tmp_path
     assert last.vz > -0.6
     assert (told["active"], told["phase"]) in ((True, "approach"), (True, "descend"))
     assert again.status_code == 409
-    assert "landing already" in again.json()["detail"]
+    assert "flown already (landing)" in again.json()["detail"]
 
 
 async def test_one_press_ends_it_and_it_stands_still_and_another_has_the_vehicle_hold(tmp_path: Path) -> None:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from backend.landing import pages as module
-from backend.landing.pages import GONE_US, SILENT_US, Pages
+from backend.guided import pages as module
+from backend.guided.pages import GONE_US, SILENT_US, Pages
 
 
 class Clock:
