@@ -4,7 +4,20 @@ from __future__ import annotations
 
 from fastapi import FastAPI
 
-from backend.api import flights, health, landing, locating, maps, missions, recording, stream, targets, vehicles, video
+from backend.api import (
+    flights,
+    health,
+    homing,
+    landing,
+    locating,
+    maps,
+    missions,
+    recording,
+    stream,
+    targets,
+    vehicles,
+    video,
+)
 from backend.api.console import add_console, default_console_dir
 from backend.api.guard import OriginGuard
 from backend.api.problems import PROBLEM_RESPONSES, add_problem_handlers
@@ -23,7 +36,8 @@ def create_app(settings: Settings) -> FastAPI:
     )  # fmt: skip
     app.state.station = station
     add_problem_handlers(app)
-    for module in (health, vehicles, landing, missions, locating, targets, maps, flights, recording, stream, video):
+    flying = (vehicles, landing, homing, missions)
+    for module in (health, *flying, locating, targets, maps, flights, recording, stream, video):
         app.include_router(module.router)
     station.has_console = add_console(app, settings.console_dir or default_console_dir())
     app.add_middleware(OriginGuard, host=settings.host)

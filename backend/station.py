@@ -41,6 +41,7 @@ from backend.fleet.vehicle import LiveVehicle, VehicleView
 from backend.flights import FlightShelf
 from backend.following.service import Following
 from backend.guided.service import Guided
+from backend.homing.service import Homings
 from backend.hub import Hub
 from backend.landing.service import Landings
 from backend.mapping import StationMaps
@@ -89,6 +90,9 @@ class Station:
             settings.gear_height_m,
         )  # fmt: skip
         self.missions = Missions(settings.data_dir / "plans", self._link_of, self.hub.publish)
+        self.homings = Homings(
+            lambda: self.fleet.vehicles, self.hub.publish, self.guided, self.landings, self.missions.fence_of
+        )
         self.placing = Placing(
             self.maps, settings.time_offset_s, lambda: self.profile,
             lambda: None if self.camera is None else self.camera.size_px, lambda: self.landings.pads.pad,
@@ -466,6 +470,7 @@ class Station:
     def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         self.guided.on_state(vehicle, update.state)
         self.landings.on_state(vehicle, update)
+        self.homings.on_state(vehicle)
         camera_vehicle = self._camera_vehicle()
         if camera_vehicle is None or camera_vehicle is vehicle:
             self.recorder.state(update.state)

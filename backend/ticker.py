@@ -63,6 +63,7 @@ class Ticker:
                 station.hub.publish("telemetry", **vehicle.telemetry_message())
         station.guided.tick()
         station.landings.tick()
+        station.homings.tick()
         if self._ticks % 10 == 0:
             self._say_health()
             self._watch()

@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import typer
 
-from benchmarks.landing_flights import ClosedLoop, Landing
+from benchmarks.landing_flights import Landing, LandingLoop
 from benchmarks.studies.cli import parse_seeds
 from guidance.landing import LandingPhase
 from simulator.cli import default_cache
@@ -108,7 +108,7 @@ def main(
 def _land(seed: int, gimbal: str, cache: Path, out: Path | None) -> Landing | None:
     with tempfile.TemporaryDirectory(prefix="pilotage-landing-") as scratch:
         try:
-            landing = ClosedLoop(seed, gimbal, Path(scratch), cache).fly()
+            landing = LandingLoop(seed, gimbal, Path(scratch), cache).fly()
         except SimulatorError as error:
             typer.echo(f"seed {seed}: left out, {error}", err=True)
             return None

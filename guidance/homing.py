@@ -151,7 +151,7 @@ class HomingGuidance:
         self.home_ned_m: Float = np.array(segments[-1].curve.end_ned_m)
         self._land = land
         self._loop = VelocityLoop(self.config.loop, trim_ned_m_s)
-        self._wanted: Float = np.zeros(3)
+        self._wanted: Float | None = None
         self._t_us: int | None = None
         self._good_us = 0
         self._going_on = HomingPhase.CLIMB
@@ -233,7 +233,8 @@ class HomingGuidance:
         config = self.config
         if estimate is None and t_us - self._good_us <= config.lost_after_s * 1e6:
             # A gap between two estimates: what was wanted goes on.
-            return HomingCommand(self.phase, self._wanted + self._loop.level_trim_ned_m_s, self._wanted.copy(), why)
+            wanted = np.zeros(3) if self._wanted is None else self._wanted.copy()
+            return HomingCommand(self.phase, wanted + self._loop.level_trim_ned_m_s, wanted, why)
         if self.phase is not HomingPhase.WAIT:
             self._going_on, self.phase = self.phase, HomingPhase.WAIT
         self.reason = why
@@ -241,7 +242,7 @@ class HomingGuidance:
             self.abort(f"{why}, for {config.wait_s:.0f} s")
             return self._still(self.phase, self.reason)
         if estimate is None or not estimate.std_m_s <= config.std_m_s:
-            self._wanted = np.zeros(3)
+            self._wanted = None
             return self._still(self.phase, why)
         dt_s = self._loop.since_last_s(t_us)
         return self._close(np.zeros(3), estimate.vel_ned_m_s, dt_s, self.phase, why)
@@ -312,7 +313,9 @@ class HomingGuidance:
     def _close(
         self, goal_ned_m_s: Float, vel_ned_m_s: Float, dt_s: float, phase: HomingPhase, why: str
     ) -> HomingCommand:  # fmt: skip
-        self._wanted = changed(self._wanted, goal_ned_m_s, self.config.acceleration_m_s2 * dt_s)
+        # From the velocity that it has: a step of what is wanted would wind up the trim.
+        before = np.array(vel_ned_m_s, np.float64) if self._wanted is None else self._wanted
+        self._wanted = changed(before, goal_ned_m_s, self.config.acceleration_m_s2 * dt_s)
         on_ground = phase is HomingPhase.TOUCHDOWN
         command = self._loop.close(self._wanted, vel_ned_m_s, dt_s, free=not on_ground)
         if on_ground:

@@ -67,9 +67,9 @@ class Simulation:
         self._helicopter = Helicopter(
             world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
         )
-        self.pilot = Pilot(
-            route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s, self.pad is not None
-        )
+        # By a belief that drifts nobody knows where the ground is.
+        until_it_stands = self.pad is not None or flight.by_belief
+        self.pilot = Pilot(route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s, until_it_stands)
         sensors = scenario.sensors
         self._inertial = InertialUnit(seed, sensors)
         self._barometer = Barometer(seed, sensors)
@@ -95,7 +95,7 @@ class Simulation:
         self._snapshot: Snapshot | None = None
         self.state: VehicleState | None = None
         self.touchdown: VehicleState | None = None
-        """The last step before the skids first touched the ground, in flights to a pad."""
+        """The last step before the skids first touched the ground."""
 
     def _route(self, seed: int) -> Route:
         flight, section, world = self.scenario.flight, self.scenario.pad, self.world
@@ -159,10 +159,7 @@ class Simulation:
         velocity, yaw = self.pilot.command(position, dt_s)
         if by_belief or self.pilot.follows_set_points:
             velocity = velocity - self._believed.vel_error_ned_m_s
-        if self.pad is None:
-            state = self._helicopter.step(t_us, dt_s, velocity, yaw)
-        else:
-            state = self._above_ground(t_us, dt_s, velocity, yaw, before)
+        state = self._above_ground(t_us, dt_s, velocity, yaw, before)
         if self._gimbal is not None:
             self._gimbal.step(dt_s, state.yaw_rad)
         self.state = state

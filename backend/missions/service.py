@@ -18,7 +18,7 @@ from backend.missions.parts import items_of_part
 from backend.missions.plan import Plan
 from backend.missions.plan_file import document_of, plan_of, read_plan
 from backend.missions.shelf import PlanShelf
-from guidance.geofence import InclusionRule
+from guidance.geofence import Geofence, InclusionRule
 from guidance.mission import MissionType
 
 
@@ -50,6 +50,11 @@ class Missions:
     async def plan(self, vehicle_id: str) -> Plan:
         """The kept plan; its errors are those of ``PlanShelf.get``."""
         return await asyncio.to_thread(self._shelf.get, vehicle_id)
+
+    async def fence_of(self, vehicle: LiveVehicle) -> tuple[Geofence, InclusionRule]:
+        """The fence of a vehicle's kept plan, empty where none is kept, and how its autopilot reads inclusions."""
+        plan = await asyncio.to_thread(self._shelf.find, vehicle.id)
+        return Geofence() if plan is None else plan.fence, rule_of(vehicle.autopilot)
 
     async def keep(self, vehicle_id: str, content: bytes) -> Plan:
         """Keep the plan of a file in place of the one before; PlanFileError says what is wrong with it."""

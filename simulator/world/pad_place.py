@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.geometry.rotation import matrix_from_euler
 from estimator.landing.pad import CirclePad
@@ -46,18 +47,24 @@ def place_pad(world: World, pad: CirclePad, seed: int) -> PadPlace:
     return PadPlace(pad, np.array((north, east, -float(world.terrain.at(north, east)))), ned_from_pad)
 
 
-def _open_ground(world: World, rng: np.random.Generator) -> tuple[float, float]:
+def open_ground(world: World, places_ne_m: Float) -> NDArray[np.bool_]:
+    """Which of some places (n, 2) inside the world are open, dry and level enough to land on."""
     patch = world.raised_patch
     tall = world.raised.astype(np.float32) * np.float32(RAISED_UNIT_M)
     near = cv2.dilate(tall, _disc(_OPEN_M / patch.gsd_m))
     around = cv2.dilate(tall, _disc(_FREE_M / patch.gsd_m))
+    row, col = np.round(patch.row_col(places_ne_m)).astype(int).T
+    slope = np.array([np.hypot(*_slope(world, n, e)) for n, e in places_ne_m.tolist()])
+    good = (near[row, col] <= 0.0) & (around[row, col] < _TALLEST_NEAR_M)
+    found: NDArray[np.bool_] = good & (slope > _SLOPES[0]) & (slope < _SLOPES[1])
+    return found
+
+
+def _open_ground(world: World, rng: np.random.Generator) -> tuple[float, float]:
     reach = min(_REACH_M, 0.5 * world.spec.half_size_m)
     places = np.arange(-reach, reach + _STEP_M, _STEP_M)
     grid = np.stack(np.meshgrid(places, places, indexing="ij"), axis=-1).reshape(-1, 2)
-    row, col = np.round(patch.row_col(grid)).astype(int).T
-    slope = np.array([np.hypot(*_slope(world, n, e)) for n, e in grid.tolist()])
-    good = (near[row, col] <= 0.0) & (around[row, col] < _TALLEST_NEAR_M)
-    good &= (slope > _SLOPES[0]) & (slope < _SLOPES[1])
+    good = open_ground(world, grid)
     if not good.any():
         message = f"world {world.spec.seed} has no open, level ground for a pad near its middle: take another seed"
         raise SimulatorError(message)

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks.landing_flights import Coded, Landing, scenario_for
+from benchmarks.closed_loop import Coded
+from benchmarks.landing_flights import Landing, scenario_for
 from benchmarks.landings import app, summary
 
 LANDING = Landing(401, 3.0, "landed", "", 0.06, 0.07, 0.25, 0.05, 0.02, 4.0, 45.0, 1.5, 0.4, 0.5)

@@ -30,7 +30,8 @@ from backend.link.link import VehicleLink
 from backend.navigation.worker import StateUpdate
 from backend.schemas.vehicles import CommandBody
 from benchmarks import landing_flights
-from benchmarks.landing_flights import GUIDANCE_US, STATION, UPLINK_DELAY_US, ClosedLoop, scenario_for
+from benchmarks.closed_loop import GUIDANCE_US, STATION, UPLINK_DELAY_US
+from benchmarks.landing_flights import LandingLoop, scenario_for
 from estimator.geometry.rotation import matrix_from_q
 from estimator.types import Float, PadMode
 from guidance.landing import LandingConfig, LandingPhase
@@ -65,7 +66,7 @@ class Radio(VehicleLink):
         return events
 
 
-class Station(ClosedLoop):
+class Station(LandingLoop):
     """Decides as a station does: with every state."""
 
     def __init__(self, folder: Path, cache: Path | None) -> None:
