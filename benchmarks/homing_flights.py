@@ -29,6 +29,7 @@ from guidance.homing import HomingGuidance, HomingPhase
 from simulator.errors import SimulatorError
 from simulator.random_streams import rng_for
 from simulator.scenario import CameraSection, FlightSection, Scenario, WorldSection
+from simulator.simulation import Exposure
 from simulator.vehicles.pilot import FlightMode
 from simulator.vehicles.state import VehicleState
 from simulator.world.pad_place import open_ground
@@ -84,11 +85,15 @@ def scenario_for(seed: int) -> Scenario:
 
 
 class HomingLoop(ClosedLoop):
-    """A vehicle on its route, and a station that flies it home."""
+    """A vehicle on its route, and a station that flies it home; ``blind_s`` is without pictures, from its begin on."""
 
-    def __init__(self, seed: int, folder: Path, cache: Path | None, when_lost: WhenLost = "hold") -> None:
+    def __init__(
+        self, seed: int, folder: Path, cache: Path | None, when_lost: WhenLost = "hold",
+        blind_s: tuple[float, float] | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(seed, scenario_for(seed), folder, cache)
         self.when_lost = when_lost
+        self._blind_s = blind_s
         self.flight: HomeFlight | None = None
         self.home_ned_m: Float = np.full(3, math.nan)
         self.length_m = math.nan
@@ -156,6 +161,11 @@ class HomingLoop(ClosedLoop):
             raise SimulatorError(f"world {self.seed} has no open ground {AWAY_M:.0f} m from the vehicle")
         north, east = places[int(np.argmax(good))].tolist()
         return np.array([north, east, -float(self.world.terrain.at(north, east))])
+
+    def _take(self, exposure: Exposure, now_us: int) -> None:
+        since_s = self.simulation.elapsed_us / 1e6 - HOME_S
+        if self._blind_s is None or not self._blind_s[0] <= since_s < self._blind_s[1]:
+            super()._take(exposure, now_us)
 
     def _obey(self, orders: Orders) -> None:
         if orders.vel_ned_m_s is not None:

@@ -10,19 +10,19 @@ import json
 import math
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import cv2
 import numpy as np
 import typer
 
+from benchmarks.kept_lines import finite, measured
 from benchmarks.landing_flights import Landing, LandingLoop
 from benchmarks.studies.cli import parse_seeds
 from guidance.landing import LandingPhase
 from simulator.cli import default_cache
-from simulator.errors import SimulatorError
 
 MEAN_M, ALL_M = 0.15, 0.50
 GIMBALS = ("pan_tilt", "fixed")
@@ -92,45 +92,17 @@ def main(
     cv2.setNumThreads(1)
     chosen = parse_seeds(seeds, False)
     chosen = chosen[: max(1, round(share * len(chosen)))]
-    done = {} if out is None or not out.is_file() else {one.seed: one for one in _kept(out)}
-    landings = []
-    for seed in chosen:
-        landing = done.get(seed) or _land(seed, gimbal, cache or default_cache(), out)
-        if landing is not None:
-            landings.append(landing)
-            typer.echo(line(landing))
+    folder = cache or default_cache()
+    landings = measured(chosen, Landing, lambda seed: _land(seed, gimbal, folder), line, out)
     found = summary(landings)
-    typer.echo(json.dumps(_finite(asdict(found)), indent=1))
+    typer.echo(json.dumps(finite(asdict(found)), indent=1))
     if not (found.landed and found.touch_mean_m <= MEAN_M and found.touch_max_m <= ALL_M):
         raise typer.Exit(1)
 
 
-def _land(seed: int, gimbal: str, cache: Path, out: Path | None) -> Landing | None:
+def _land(seed: int, gimbal: str, cache: Path) -> Landing:
     with tempfile.TemporaryDirectory(prefix="pilotage-landing-") as scratch:
-        try:
-            landing = LandingLoop(seed, gimbal, Path(scratch), cache).fly()
-        except SimulatorError as error:
-            typer.echo(f"seed {seed}: left out, {error}", err=True)
-            return None
-    if out is not None:
-        with out.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(_finite(asdict(landing)), allow_nan=False) + "\n")
-    return landing
-
-
-def _kept(out: Path) -> list[Landing]:
-    rows: list[dict[str, Any]] = [
-        json.loads(text) for text in out.read_text(encoding="utf-8").splitlines() if text.strip()
-    ]
-    known: list[dict[str, Any]] = [
-        {field.name: math.nan if row[field.name] is None else row[field.name] for field in fields(Landing)}
-        for row in rows
-    ]
-    return [Landing(**row) for row in known]
-
-
-def _finite(row: dict[str, object]) -> dict[str, object]:
-    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}
+        return LandingLoop(seed, gimbal, Path(scratch), cache).fly()
 
 
 app = typer.Typer(add_completion=False)
