@@ -21,7 +21,7 @@ from estimator.types import NavigationState
 from guidance.landing import LandingConfig, LandingPhase
 
 HOVERS = (VehicleType.MULTIROTOR, VehicleType.HELICOPTER)
-STEERS = frozenset({"disarm", "takeoff", "goto", "hold", "return", "land"})
+STEERS = frozenset({"disarm", "takeoff", "goto", "orbit", "hold", "return", "land", "start_mission"})
 COMMANDS: dict[Order, Literal["hold", "land"]] = {Order.HOLD: "hold", Order.LAND: "land"}
 FAREWELL_S = 3.0
 

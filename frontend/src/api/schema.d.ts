@@ -862,7 +862,10 @@ export interface components {
         };
         /**
          * CommandBody
-         * @description A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff.
+         * @description A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto and orbit, ``alt_rel_m`` for those and takeoff.
+         *
+         *     ``orbit`` goes round the place at ``radius_m``, clockwise as seen from above unless ``clockwise`` is false.
+         *     ``start_mission`` flies the mission that the vehicle holds, from its first item.
          *
          *     ``track_point`` has a camera that can follow what a pixel (``u_px``, ``v_px``) of a frame (``frame_id``) shows;
          *     ``track_stop`` ends that.
@@ -872,7 +875,7 @@ export interface components {
              * Command
              * @enum {string}
              */
-            command: "arm" | "disarm" | "takeoff" | "goto" | "hold" | "return" | "land" | "inject_failure" | "track_point" | "track_stop";
+            command: "arm" | "disarm" | "takeoff" | "goto" | "orbit" | "hold" | "return" | "land" | "start_mission" | "inject_failure" | "track_point" | "track_stop";
             /** Unit */
             unit?: "gps" | null;
             /** Failure */
@@ -883,6 +886,13 @@ export interface components {
             lon_deg?: number | null;
             /** Alt Rel M */
             alt_rel_m?: number | null;
+            /** Radius M */
+            radius_m?: number | null;
+            /**
+             * Clockwise
+             * @default true
+             */
+            clockwise: boolean;
             /** Frame Id */
             frame_id?: number | null;
             /** U Px */
