@@ -123,7 +123,7 @@ def _orbit(body: CommandBody, autopilot: Autopilot, home_alt_amsl_m: float | Non
     """DO_ORBIT with the vehicle's own speed, its nose towards the centre, round and round."""
     if body.lat_deg is None or body.lon_deg is None or body.alt_rel_m is None or body.radius_m is None:
         raise InvalidRequestError("orbit needs lat_deg, lon_deg, alt_rel_m and radius_m")
-    radius_m = body.radius_m if body.clockwise else -body.radius_m
+    radius_m = -body.radius_m if body.clockwise is False else body.radius_m
     alt_m, frame = body.alt_rel_m, FRAME_GLOBAL_RELATIVE_ALT
     if autopilot is Autopilot.PX4:
         # PX4 takes the height of an orbit as above mean sea level, whatever the frame says.

@@ -83,7 +83,7 @@ class CommandBody(_Body):
     lon_deg: float | None = Field(default=None, ge=-180, le=180)
     alt_rel_m: float | None = Field(default=None, ge=0, le=5000)
     radius_m: float | None = Field(default=None, ge=5, le=2000)
-    clockwise: bool = True
+    clockwise: bool | None = None
     frame_id: int | None = Field(default=None, ge=0)
     u_px: float | None = Field(default=None, allow_inf_nan=False)
     v_px: float | None = Field(default=None, allow_inf_nan=False)

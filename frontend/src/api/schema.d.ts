@@ -888,11 +888,8 @@ export interface components {
             alt_rel_m?: number | null;
             /** Radius M */
             radius_m?: number | null;
-            /**
-             * Clockwise
-             * @default true
-             */
-            clockwise: boolean;
+            /** Clockwise */
+            clockwise?: boolean | null;
             /** Frame Id */
             frame_id?: number | null;
             /** U Px */
