@@ -8,6 +8,7 @@ from math import atan2, hypot, sqrt
 import numpy as np
 
 from estimator.types import Float
+from simulator.vehicles.mission_flight import MissionFlight
 from simulator.vehicles.route import Route
 from simulator.world.terrain import Terrain
 
@@ -36,6 +37,10 @@ class FlightMode(IntEnum):
     LAND = 9
 
 
+# By MAV_CMD: what a mission ends with.
+_MODE_AFTER = {17: FlightMode.LOITER, 20: FlightMode.RTL, 21: FlightMode.LAND}
+
+
 class Pilot:
     """Turns mode and position into a velocity and a heading to fly.
 
@@ -60,12 +65,14 @@ class Pilot:
         self._set_point: Float | None = None
         self._set_point_s = self._target_s = 0.0
         self._orbit_m = 0.0
+        self._mission: MissionFlight | None = None
 
     def fly(self, mode: FlightMode, pos_ned_m: Float, goal_ned_m: Float | None = None) -> None:
         """Change the mode; GUIDED needs a goal, the others take it from where the vehicle is."""
         self.mode = mode
         self._speed_now = 0.0
         self._set_point, self._target_s = None, 0.0
+        self._mission = None
         if goal_ned_m is not None:
             self.goal_ned_m = np.array(goal_ned_m)
         elif mode is FlightMode.RTL:
@@ -77,6 +84,16 @@ class Pilot:
             self._next_stop = self._stop_after(self._index)
         else:
             self.goal_ned_m = np.array(pos_ned_m)
+
+    def fly_mission(self, mission: MissionFlight, pos_ned_m: Float) -> None:
+        """Fly a mission in place of the route."""
+        self.fly(FlightMode.AUTO, pos_ned_m)
+        self._mission = mission
+
+    @property
+    def mission_seq(self) -> int:
+        """The number of the item that is flown to, 0 while none is."""
+        return 0 if self._mission is None else self._mission.seq
 
     def orbit(self, centre_ned_m: Float, radius_m: float, pos_ned_m: Float) -> None:
         """Go round a point (3,) at its height, clockwise as seen from above where ``radius_m`` is positive."""
@@ -100,6 +117,13 @@ class Pilot:
 
     def command(self, pos_ned_m: Float, dt_s: float) -> tuple[Float, float]:
         """Velocity (3,) and heading to fly now."""
+        if self._mission is not None:
+            self._mission.step(pos_ned_m, dt_s)
+            if self._mission.ended_with is not None:
+                self.fly(_MODE_AFTER[self._mission.ended_with], pos_ned_m)
+                return self.command(pos_ned_m, dt_s)
+            self.goal_ned_m = self._mission.goal_ned_m
+            return self._towards(self.goal_ned_m - pos_ned_m, dt_s), self._yaw
         if self.mode is FlightMode.AUTO:
             return self._along_route(pos_ned_m, dt_s), self._yaw
         if self.mode is FlightMode.CIRCLE:
