@@ -13,6 +13,7 @@ StationError            base: ``str()`` is fit for an operator's eyes
   NoStateYetError       the vehicle's estimator has no state yet
   NoPadError            no landing pad is described
   NoPlanError           no plan is kept for the vehicle
+  PlanChangedError      the kept plan is another than the request expects
   PlanFileError         a mission plan that cannot be used, and where in it
   NoGroundError         the ray of a click meets no ground
   CannotFollowTargetError  what a click shows cannot be followed
@@ -134,6 +135,19 @@ class NoPlanError(StationError):
         )
 
 
+class PlanChangedError(StationError):
+    """The kept plan is another than the request expects: ``etag`` is its own, None where none is kept."""
+
+    def __init__(self, vehicle_id: str, etag: str | None) -> None:
+        self.vehicle_id = vehicle_id
+        self.etag = etag
+        by_now = "none is kept" if etag is None else f'its ETag is "{etag}"'
+        super().__init__(
+            f"the plan of vehicle '{vehicle_id}' was changed elsewhere, {by_now} by now: fetch it again, then repeat "
+            "the change"
+        )
+
+
 class PlanFileError(StationError):
     """A mission plan cannot be used: ``where`` in it, and ``reason``."""
 
@@ -239,6 +253,7 @@ STATUS_OF_ERROR: dict[type[Exception], HTTPStatus] = {
     NoEvidenceError: HTTPStatus.NOT_FOUND,
     TargetNotKeptError: HTTPStatus.INSUFFICIENT_STORAGE,
     TargetChangedError: HTTPStatus.PRECONDITION_FAILED,
+    PlanChangedError: HTTPStatus.PRECONDITION_FAILED,
     ConflictError: HTTPStatus.CONFLICT,
     CommandRefusedError: HTTPStatus.CONFLICT,
     InvalidRequestError: HTTPStatus.BAD_REQUEST,

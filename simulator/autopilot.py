@@ -16,6 +16,7 @@ from simulator.random_streams import rng_for
 from simulator.sensors.gnss import GnssFix, GnssReceiver
 from simulator.set_points import target_of, velocity_of
 from simulator.telemetry import Snapshot, Telemetry
+from simulator.vehicles.mission_flight import MissionFlight, stops_of
 from simulator.vehicles.pilot import FlightMode, Pilot
 from simulator.vehicles.state import VehicleState
 
@@ -23,6 +24,8 @@ _FORCE = 21196.0
 _GPS_UNIT = 4.0
 _FAILURE_OK, _FAILURE_OFF = 0.0, 1.0
 _AIRBORNE_M = 1.0
+_FARTHEST_M = 5_000.0
+_SMALLEST_ORBIT_M, _LARGEST_ORBIT_M = 5.0, 1_000.0
 
 _ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
 _DENIED = mavlink.MAV_RESULT_DENIED
@@ -33,7 +36,6 @@ _MODE_COMMANDS = {
     mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: FlightMode.RTL,
     mavlink.MAV_CMD_NAV_LAND: FlightMode.LAND,
     mavlink.MAV_CMD_NAV_LOITER_UNLIM: FlightMode.LOITER,
-    mavlink.MAV_CMD_MISSION_START: FlightMode.AUTO,
 }
 
 
@@ -140,6 +142,8 @@ class Autopilot:
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: lambda order, at: self._set_mode(order.param2, at),
             mavlink.MAV_CMD_DO_REPOSITION: self._reposition,
+            mavlink.MAV_CMD_DO_ORBIT: self._orbit,
+            mavlink.MAV_CMD_MISSION_START: self._start_mission,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
         }
         act = actions.get(command)
@@ -192,7 +196,7 @@ class Autopilot:
         return int(_ACCEPTED)
 
     def _set_mode(self, custom_mode: float, state: VehicleState) -> int:
-        if custom_mode not in list(FlightMode) or custom_mode == FlightMode.STABILIZE:
+        if custom_mode not in list(FlightMode) or custom_mode in (FlightMode.STABILIZE, FlightMode.CIRCLE):
             return int(_DENIED)
         return self._fly(FlightMode(int(custom_mode)), state)
 
@@ -203,6 +207,27 @@ class Autopilot:
         self._pilot.fly(mode, state.pos_ned_m)
         self.say(mavlink.MAV_SEVERITY_INFO, f"Mode {mode.name}")
         return int(_ACCEPTED)
+
+    def _start_mission(self, _: Any, state: VehicleState) -> int:
+        """The mission that was sent; without one, the route that this aircraft has of its own."""
+        if not self.armed or not self._missions.items:
+            return self._fly(FlightMode.AUTO, state)
+        stops = stops_of(self._missions.items, self._frame, self._pilot.home_ned_m)
+        if not stops:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Mission: no place in it to fly to")
+            return int(_DENIED)
+        far_m = max(float(np.nanmax(np.abs(stop.goal_ned_m), initial=0.0)) for stop in stops)
+        if far_m > _FARTHEST_M:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Mission: an item is too far away")
+            return int(_DENIED)
+        self._pilot.fly_mission(MissionFlight(stops, state.pos_ned_m), state.pos_ned_m)
+        self.say(mavlink.MAV_SEVERITY_INFO, f"Mission: {len(stops)} places")
+        return int(_ACCEPTED)
+
+    @property
+    def mission_total(self) -> int:
+        """How many items the mission has that is held, home included."""
+        return len(self._missions.items)
 
     def _take_off(self, message: Any, state: VehicleState) -> int:
         rise_m = float(message.z if message.get_type() == "COMMAND_INT" else message.param7)
@@ -216,13 +241,37 @@ class Autopilot:
         return int(_ACCEPTED)
 
     def _reposition(self, message: Any, state: VehicleState) -> int:
+        goal = self._goal(message, state, "Goto")
+        if goal is None:
+            return int(_DENIED)
+        self._pilot.fly(FlightMode.GUIDED, state.pos_ned_m, goal)
+        return int(_ACCEPTED)
+
+    def _orbit(self, message: Any, state: VehicleState) -> int:
+        if not self._flies(state):
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Orbit: take off first")
+            return int(_DENIED)
+        if not _SMALLEST_ORBIT_M <= abs(message.param1) <= _LARGEST_ORBIT_M:
+            self.say(mavlink.MAV_SEVERITY_WARNING, f"Orbit: radius {_SMALLEST_ORBIT_M:g} to {_LARGEST_ORBIT_M:g} m")
+            return int(_DENIED)
+        centre = self._goal(message, state, "Orbit")
+        if centre is None:
+            return int(_DENIED)
+        self._pilot.orbit(centre, message.param1, state.pos_ned_m)
+        return int(_ACCEPTED)
+
+    def _goal(self, message: Any, state: VehicleState, what: str) -> Float | None:
+        """The place of a command (3,), None where it will not be flown to; the operator is told why."""
         if message.get_type() == "COMMAND_INT":
             lat_deg, lon_deg, alt_m, datum = message.x / 1e7, message.y / 1e7, message.z, message.frame
         else:
             lat_deg, lon_deg, alt_m = message.param5, message.param6, message.param7
             datum = mavlink.MAV_FRAME_GLOBAL
-        if not (self.armed and abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
-            return int(_DENIED)
+        if not self.armed:
+            self.say(mavlink.MAV_SEVERITY_WARNING, "Arm first")
+            return None
+        if not (abs(lat_deg) <= 90 and abs(lon_deg) <= 180):
+            return None
         goal = self._frame.ned_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), self._frame.alt_m)
         relative = (mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT, mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)
         if not np.isfinite(alt_m):
@@ -231,11 +280,10 @@ class Autopilot:
             goal[2] = self._pilot.home_ned_m[2] - alt_m
         else:
             goal[2] = self._frame.alt_m - alt_m
-        if np.abs(goal[:2]).max() > 5_000.0 or -goal[2] - self._frame.alt_m > 2_000.0:
-            self.say(mavlink.MAV_SEVERITY_WARNING, "Goto: too far")
-            return int(_DENIED)
-        self._pilot.fly(FlightMode.GUIDED, state.pos_ned_m, goal)
-        return int(_ACCEPTED)
+        if np.abs(goal[:2]).max() > _FARTHEST_M or -goal[2] - self._frame.alt_m > 2_000.0:
+            self.say(mavlink.MAV_SEVERITY_WARNING, f"{what}: too far")
+            return None
+        return goal
 
     def _flies(self, state: VehicleState) -> bool:
         return not self.on_ground and float(self._pilot.home_ned_m[2] - state.pos_ned_m[2]) > _AIRBORNE_M

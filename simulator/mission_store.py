@@ -1,4 +1,6 @@
-"""Mission protocol on the side of the vehicle: takes, keeps and gives back one mission. It is not flown. No I/O.
+"""Mission protocol on the side of the vehicle: takes, keeps and gives back one mission. No I/O.
+
+``vehicles.mission_flight`` flies it.
 
 Counts as ArduPilot does: item 0 is home. Fence and rally points are not supported, and it says so.
 """

@@ -222,6 +222,8 @@ class Simulation:
             airspeed_m_s=float(np.linalg.norm(state.vel_ned_m_s - state.wind_ned_m_s)),
             home_ned_m=self.home_ned_m,
             gimbal=None if self._gimbal is None else self._gimbal.report(),
+            mission_seq=self.pilot.mission_seq,
+            mission_total=self.autopilot.mission_total,
         )
         self._snapshot = snapshot
         return snapshot

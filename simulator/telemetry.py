@@ -31,6 +31,7 @@ _DEFAULT_RATE_HZ = {
     mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: 10.0,
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
+    mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
 }
 _GIMBAL_RATE_HZ = {
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 25.0,
@@ -67,6 +68,8 @@ class Snapshot:
     airspeed_m_s: float
     home_ned_m: Float
     gimbal: GimbalReport | None = None
+    mission_seq: int = 0
+    mission_total: int = 0
 
 
 class Telemetry:
@@ -91,6 +94,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: self._mission_current,
         }
         if gimbal is not None:
             self._build |= {
@@ -171,6 +175,9 @@ class Telemetry:
         return mavlink.MAVLink_battery_status_message(
             0, 0, 1, 32767, cells, round(current * 100), used_mah, -1, remaining
         )
+
+    def _mission_current(self, now: Snapshot) -> Any:
+        return mavlink.MAVLink_mission_current_message(now.mission_seq, max(now.mission_total - 1, 0))
 
     def _home(self, now: Snapshot) -> Any:
         lat, lon, alt = self._geodetic(now.home_ned_m)

@@ -16,14 +16,17 @@ from backend.schemas.vehicles import CommandBody
 NAV_RETURN_TO_LAUNCH = 20
 NAV_LAND = 21
 NAV_TAKEOFF = 22
+DO_ORBIT = 34
 DO_SET_MODE = 176
 DO_REPOSITION = 192
+MISSION_START = 300
 COMPONENT_ARM_DISARM = 400
 INJECT_FAILURE = 420
 CAMERA_TRACK_POINT = 2004
 CAMERA_STOP_TRACKING = 2010
 
 CUSTOM_MODE_ENABLED = 1
+FRAME_GLOBAL_INT = 5
 FRAME_GLOBAL_RELATIVE_ALT = 6
 REPOSITION_CHANGES_MODE = 1
 FAILURE_UNIT_GPS = 4
@@ -48,7 +51,8 @@ def send_command(link: VehicleLink, vehicle: LiveVehicle, body: CommandBody, fra
     try:
         if body.command in ("track_point", "track_stop"):
             return link.command_tracker(vehicle.system_id, tracking_steps(body, frame))
-        return link.command(vehicle.system_id, steps_of(body, vehicle.autopilot, vehicle.vehicle_type))
+        home_amsl_m = None if vehicle.home is None else vehicle.home.alt_amsl_m
+        return link.command(vehicle.system_id, steps_of(body, vehicle.autopilot, vehicle.vehicle_type, home_amsl_m))
     except LookupError as error:
         raise CommandRefusedError(str(error)) from None
 
@@ -70,10 +74,18 @@ def tracking_steps(body: CommandBody, frame: FrameIdentity | None) -> list[Comma
     return [CommandStep(CAMERA_TRACK_POINT, (x, y, TRACK_RADIUS))]
 
 
-def steps_of(  # noqa: PLR0911  one return for each command reads best
-    body: CommandBody, autopilot: Autopilot, kind: VehicleType
+def steps_of(  # noqa: PLR0911, PLR0912  one case for each command reads best
+    body: CommandBody, autopilot: Autopilot, kind: VehicleType, home_alt_amsl_m: float | None = None
 ) -> list[CommandStep]:
-    """The MAVLink commands of one operator's command, in order."""
+    """The MAVLink commands of one operator's command, in order.
+
+    Raises
+    ------
+    CommandRefusedError
+        This kind of vehicle has no such mode, or its home's height (``home_alt_amsl_m``) has to be known and is not.
+    InvalidRequestError
+        The command lacks what it needs.
+    """
     match body.command:
         case "track_point" | "track_stop":
             raise InvalidRequestError(f"{body.command} is for a camera, not for the vehicle")
@@ -97,10 +109,28 @@ def steps_of(  # noqa: PLR0911  one return for each command reads best
             place = (body.lat_deg * 1e7, body.lon_deg * 1e7, body.alt_rel_m)
             params = (-1.0, float(REPOSITION_CHANGES_MODE), 0.0, NAN, *place)
             return [CommandStep(DO_REPOSITION, params, FRAME_GLOBAL_RELATIVE_ALT)]
+        case "orbit":
+            return [_orbit(body, autopilot, home_alt_amsl_m)]
+        case "start_mission":
+            return [CommandStep(MISSION_START)]
         case "inject_failure":
             if body.unit != "gps" or body.failure is None:
                 raise InvalidRequestError("inject_failure needs unit 'gps' and failure 'off' or 'ok'")
             return [CommandStep(INJECT_FAILURE, (float(FAILURE_UNIT_GPS), float(FAILURE_OF_WORD[body.failure])))]
+
+
+def _orbit(body: CommandBody, autopilot: Autopilot, home_alt_amsl_m: float | None) -> CommandStep:
+    """DO_ORBIT with the vehicle's own speed, its nose towards the centre, round and round."""
+    if body.lat_deg is None or body.lon_deg is None or body.alt_rel_m is None or body.radius_m is None:
+        raise InvalidRequestError("orbit needs lat_deg, lon_deg, alt_rel_m and radius_m")
+    radius_m = -body.radius_m if body.clockwise is False else body.radius_m
+    alt_m, frame = body.alt_rel_m, FRAME_GLOBAL_RELATIVE_ALT
+    if autopilot is Autopilot.PX4:
+        # PX4 takes the height of an orbit as above mean sea level, whatever the frame says.
+        if home_alt_amsl_m is None:
+            raise CommandRefusedError("the vehicle has not said how high its home lies, so that no height can be given")
+        alt_m, frame = home_alt_amsl_m + body.alt_rel_m, FRAME_GLOBAL_INT
+    return CommandStep(DO_ORBIT, (radius_m, NAN, 0.0, 0.0, body.lat_deg * 1e7, body.lon_deg * 1e7, alt_m), frame)
 
 
 def take_over(link: VehicleLink, vehicle: LiveVehicle, mode: str) -> None:

@@ -17,6 +17,7 @@ from backend.link.events import (
     TelemetryGps,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
+    TelemetryMission,
     TelemetryPosition,
     TelemetrySpeed,
     TransferNews,
@@ -25,6 +26,7 @@ from backend.link.events import (
     VehicleRebooted,
     VehicleReturned,
 )
+from backend.link.mission_items import number_of
 from backend.navigation.setup import Place
 from backend.navigation.worker import StateUpdate
 from estimator.types import FixReport, GnssSample
@@ -124,6 +126,8 @@ class Fleet:
                 )
             case TelemetrySpeed():
                 vehicle.telemetry = replace(vehicle.telemetry, airspeed_m_s=event.airspeed_m_s)
+            case TelemetryMission():
+                vehicle.telemetry = replace(vehicle.telemetry, mission_item=number_of(event.seq, vehicle.autopilot))
             case TelemetryGps():
                 vehicle.take_gps(gps_reading(event))
                 fields = vehicle.gps_message()

@@ -33,6 +33,7 @@ class Telemetry:
     battery_pct: float | None = None
     battery_v: float | None = None
     airspeed_m_s: float | None = None
+    mission_item: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,6 +246,7 @@ class LiveVehicle:
             "vehicle_id": self.id, "vehicle_type": said.vehicle_type, "simulated": said.simulated,
             "armed": said.armed, "flight_mode": said.flight_mode, "battery_pct": said.battery_pct,
             "battery_v": said.battery_v, "airspeed_m_s": said.airspeed_m_s,
+            "mission_item": said.mission_item,
         }  # fmt: skip
 
     def summary(self) -> dict[str, Any]:

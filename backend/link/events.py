@@ -149,6 +149,15 @@ class TelemetryLocalPosition:
 
 
 @dataclass(frozen=True, slots=True)
+class TelemetryMission:
+    """Where in its mission a vehicle is: ``seq`` as it counts itself, see ``mission_items.number_of``."""
+
+    t_us: int
+    system_id: int
+    seq: int
+
+
+@dataclass(frozen=True, slots=True)
 class TelemetrySpeed:
     """The autopilot's head-up figures for display; without an airspeed sensor the airspeed may come from GPS."""
 
@@ -262,6 +271,7 @@ LinkEvent = (
     | TelemetryLocalPosition
     | TelemetrySpeed
     | StatusText
+    | TelemetryMission
     | CommandResult
     | TransferNews
     | LinkStats

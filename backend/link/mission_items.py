@@ -48,6 +48,12 @@ def item_of_message(m: Any) -> MissionItem:
     return MissionItem(m.command, m.frame, (*params, x, y, m.z), bool(m.autocontinue))
 
 
+def number_of(seq: int, autopilot: Autopilot) -> int | None:
+    """An item's number from 1 for the number that an autopilot gives it; None for the home of ArduPilot."""
+    number = seq if autopilot is Autopilot.ARDUPILOT else seq + 1
+    return number or None
+
+
 def items_for_vehicle(mission: Mission, autopilot: Autopilot) -> tuple[MissionItem, ...]:
     """A mission's items as an autopilot keeps them; ValueError as ``counts_of``, with the item's number.
 

@@ -26,6 +26,7 @@ DEFAULT_RATES_HZ: Mapping[int, float] = {
     2: 1.0,  # SYSTEM_TIME
     1: 1.0,  # SYS_STATUS
     74: 4.0,  # VFR_HUD
+    42: 1.0,  # MISSION_CURRENT
     147: 0.5,  # BATTERY_STATUS
     242: 0.2,  # HOME_POSITION
     285: 10.0,  # GIMBAL_DEVICE_ATTITUDE_STATUS

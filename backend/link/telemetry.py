@@ -14,6 +14,7 @@ from backend.link.events import (
     TelemetryBattery,
     TelemetryGps,
     TelemetryHeartbeat,
+    TelemetryMission,
     TelemetryPosition,
     TelemetrySpeed,
 )
@@ -23,6 +24,7 @@ HEARTBEAT = 0
 SYS_STATUS = 1
 GPS_RAW_INT = 24
 GLOBAL_POSITION_INT = 33
+MISSION_CURRENT = 42
 VFR_HUD = 74
 BATTERY_STATUS = 147
 STATUSTEXT = 253
@@ -110,11 +112,16 @@ def _speed(m: Any, t_us: int, system_id: int) -> TelemetrySpeed | None:
     return TelemetrySpeed(t_us, system_id, m.airspeed, m.groundspeed, float(m.throttle))
 
 
+def _mission(m: Any, t_us: int, system_id: int) -> TelemetryMission:
+    return TelemetryMission(t_us, system_id, m.seq)
+
+
 TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
     SYS_STATUS: _battery_from_sys_status,
     GPS_RAW_INT: _gps,
     GLOBAL_POSITION_INT: _position,
     VFR_HUD: _speed,
+    MISSION_CURRENT: _mission,
     BATTERY_STATUS: _battery_from_battery_status,
 }
 

@@ -29,6 +29,8 @@ class End:
 
     status: CommandStatus
     text: str
+    same: bool | None = None
+    """Of a comparison: whether the vehicle holds the plan."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,11 @@ class Downloaded:
     fence: Geofence
     rally: tuple[RallyPoint, ...]
     unsupported: tuple[str, ...] = ()
+
+
+def _own(kind: MissionType, items: tuple[MissionItem, ...], autopilot: Autopilot) -> tuple[MissionItem, ...]:
+    """Without the home that ArduPilot counts as an item of the mission."""
+    return items_of_vehicle(items, autopilot) if kind is MissionType.MISSION else items
 
 
 class Sending:
@@ -69,7 +76,7 @@ class Sending:
             return self._failed(news.status, news.text)
         if news.status is not CommandStatus.ACCEPTED:
             return self._failed(news.status, f"sent, but reading it back failed: {news.text}")
-        sent, held = (self._own(kind, part) for part in (items, news.items))
+        sent, held = (_own(kind, part, self._autopilot) for part in (items, news.items))
         comparison = compare(sent, held)
         if not comparison.same:
             reason = f"{kind.words}: the vehicle holds something else: {told(comparison.wrong)}"
@@ -87,12 +94,47 @@ class Sending:
         kind, items = self._parts[0]
         return Step(TransferAction.UPLOAD if items else TransferAction.CLEAR, kind, items)
 
-    def _own(self, kind: MissionType, items: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-        return items_of_vehicle(items, self._autopilot) if kind is MissionType.MISSION else items
-
     def _failed(self, status: CommandStatus, reason: str) -> End:
         before = f"; on the vehicle already: {', '.join(self._done)}" if self._done else ""
         return End(status, reason + before)
+
+
+class Checking:
+    """Reads all three lists of a vehicle and tells how they differ from a plan's; nothing is changed on either side.
+
+    ``parts`` are as the vehicle counts them.
+    """
+
+    def __init__(self, parts: Sequence[tuple[MissionType, tuple[MissionItem, ...]]], autopilot: Autopilot) -> None:
+        self._parts = list(parts)
+        self._autopilot = autopilot
+        self._same: list[str] = []
+        self._different: list[str] = []
+
+    def begin(self) -> Step:
+        """The first transfer."""
+        return Step(TransferAction.DOWNLOAD, self._parts[0][0])
+
+    def take(self, news: TransferNews) -> Step | End:
+        """The result of the last transfer; what comes next."""
+        kind, items = self._parts.pop(0)
+        if news.status is CommandStatus.ACCEPTED:
+            ours, its = (_own(kind, part, self._autopilot) for part in (items, news.items))
+            comparison = compare(ours, its)
+            if comparison.same:
+                self._same.append(f"{kind.words} of {len(ours)} items")
+            else:
+                self._different.append(f"{kind.words}: {told(comparison.wrong)}")
+        elif news.status is not CommandStatus.UNSUPPORTED or kind is MissionType.MISSION:
+            return End(news.status, news.text)
+        elif items:
+            self._different.append(f"{kind.words}: the vehicle supports none")
+        if self._parts:
+            return self.begin()
+        if self._different:
+            text = f"the vehicle holds something else than the plan: {'; '.join(self._different)}"
+            return End(CommandStatus.ACCEPTED, text, same=False)
+        return End(CommandStatus.ACCEPTED, f"the vehicle holds this plan: {', '.join(self._same)}", same=True)
 
 
 class Fetching:

@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from backend.errors import CommandRefusedError, ConflictError, InvalidRequestError, StationError
+from backend.errors import CommandRefusedError, ConflictError, InvalidRequestError, PlanChangedError, StationError
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.vehicle import LiveVehicle
 from backend.link.events import Autopilot, CommandStatus, TransferNews
-from backend.missions.operation import Downloaded, End, Fetching, Sending, Step
+from backend.missions.operation import Checking, Downloaded, End, Fetching, Sending, Step
 from backend.missions.parts import items_of_part
 from backend.missions.plan import Plan
 from backend.missions.plan_file import document_of, plan_of, read_plan
-from backend.missions.shelf import PlanShelf
+from backend.missions.shelf import ALWAYS, Condition, PlanShelf, etag_of, unchanged
 from guidance.geofence import Geofence, InclusionRule
-from guidance.mission import MissionType
+from guidance.mission import MissionItem, MissionType
 
 
 @dataclass(slots=True)
@@ -30,7 +30,7 @@ class _Running:
     command: str
     vehicle: LiveVehicle
     link: LinkEndpoint
-    work: Sending | Fetching
+    work: Sending | Checking | Fetching
     before: Plan | None = None
     transfer_id: int = -1
 
@@ -56,28 +56,44 @@ class Missions:
         plan = await asyncio.to_thread(self._shelf.find, vehicle.id)
         return Geofence() if plan is None else plan.fence, rule_of(vehicle.autopilot)
 
-    async def keep(self, vehicle_id: str, content: bytes) -> Plan:
-        """Keep the plan of a file in place of the one before; PlanFileError says what is wrong with it."""
-        return await asyncio.to_thread(self._read_and_keep, vehicle_id, content)
+    async def keep(self, vehicle_id: str, content: bytes, condition: Condition = ALWAYS) -> Plan:
+        """Keep the plan of a file in place of the one before, and say so to every page.
 
-    async def remove(self, vehicle_id: str) -> None:
-        """Keep no plan any more; the vehicle's own is not touched."""
-        await asyncio.to_thread(self._shelf.remove, vehicle_id)
+        PlanFileError says what is wrong with it, PlanChangedError that the ``condition`` does not hold.
+        """
+        plan = await asyncio.to_thread(self._read_and_keep, vehicle_id, content, condition)
+        self._say_kept(vehicle_id, plan)
+        return plan
+
+    async def remove(self, vehicle_id: str, condition: Condition = ALWAYS) -> None:
+        """Keep no plan any more; the vehicle's own is not touched. PlanChangedError as ``keep``."""
+        await asyncio.to_thread(self._shelf.remove, vehicle_id, condition)
+        self._say_kept(vehicle_id, None)
 
     async def upload(self, vehicle: LiveVehicle, parts: Sequence[MissionType] | None) -> str:
         """Begin to send the kept plan; returns the id of its acknowledgements.
 
         Without ``parts`` it is all that the plan has. A part that is named and empty is cleared on the vehicle.
         """
-        plan = await self.plan(vehicle.id)
-        try:
-            found = {kind: items_of_part(plan, kind, vehicle.autopilot) for kind in MissionType}
-        except ValueError as error:
-            raise CommandRefusedError(f"the plan cannot be sent: {error}") from None
+        found = await self._items(vehicle)
         wanted = [kind for kind in MissionType if (found[kind] if parts is None else kind in parts)]
         if not wanted:
             raise InvalidRequestError("the plan is empty: to clear the vehicle's, DELETE …/plan/vehicle")
         return self._begin(vehicle, "plan_upload", Sending([(kind, found[kind]) for kind in wanted], vehicle.autopilot))
+
+    async def check(self, vehicle: LiveVehicle) -> str:
+        """Begin to read what the vehicle holds and to compare it with the kept plan; neither is changed."""
+        return self._begin(
+            vehicle, "plan_compare", Checking([*(await self._items(vehicle)).items()], vehicle.autopilot)
+        )
+
+    async def _items(self, vehicle: LiveVehicle) -> dict[MissionType, tuple[MissionItem, ...]]:
+        """The parts of the kept plan as its vehicle counts them."""
+        plan = await self.plan(vehicle.id)
+        try:
+            return {kind: items_of_part(plan, kind, vehicle.autopilot) for kind in MissionType}
+        except ValueError as error:
+            raise CommandRefusedError(f"the plan cannot be sent: {error}") from None
 
     async def download(self, vehicle: LiveVehicle, *, replace: bool) -> str:
         """Begin to fetch what the vehicle holds, to be kept; ConflictError when that would replace a plan."""
@@ -104,8 +120,8 @@ class Missions:
         match run.work.take(news):
             case Step() as step:
                 self._transfer(run, step)
-            case End(status=status, text=text):
-                self._end(run, status, text)
+            case End(status=status, text=text, same=same):
+                self._end(run, status, text, same)
             case Downloaded() as found:
                 task = asyncio.create_task(self._keep_downloaded(run, found))
                 self._keeping.add(task)
@@ -115,7 +131,9 @@ class Missions:
         """Wait for what is being kept."""
         await asyncio.gather(*self._keeping, return_exceptions=True)
 
-    def _begin(self, vehicle: LiveVehicle, command: str, work: Sending | Fetching, before: Plan | None = None) -> str:
+    def _begin(
+        self, vehicle: LiveVehicle, command: str, work: Sending | Checking | Fetching, before: Plan | None = None
+    ) -> str:
         if vehicle.id in self._running:
             running = self._running[vehicle.id].command
             raise ConflictError(f"vehicle '{vehicle.id}' is in the middle of {running}: wait for its acknowledgement")
@@ -133,38 +151,42 @@ class Missions:
 
     async def _keep_downloaded(self, run: _Running, found: Downloaded) -> None:
         try:
-            text = await asyncio.to_thread(self._keep_found, run, found)
+            text, plan = await asyncio.to_thread(self._keep_found, run, found)
         except StationError as error:
             self._end(run, CommandStatus.FAILED, str(error))
         else:
+            self._say_kept(run.vehicle.id, plan)
             self._end(run, CommandStatus.ACCEPTED, text)
 
-    def _keep_found(self, run: _Running, found: Downloaded) -> str:
-        now = self._shelf.find(run.vehicle.id)
-        if (now is None) != (run.before is None) or (
-            now is not None and run.before is not None and now.document != run.before.document
-        ):
-            raise ConflictError("the kept plan was changed meanwhile, so it was not replaced: download again")
+    def _keep_found(self, run: _Running, found: Downloaded) -> tuple[str, Plan]:
         autopilot, vehicle_type = run.vehicle.autopilot, run.vehicle.vehicle_type
         plan = plan_of(document_of(found.mission, found.fence, found.rally, autopilot, vehicle_type))
-        self._shelf.keep(run.vehicle.id, plan)
+        try:
+            self._shelf.keep(run.vehicle.id, plan, unchanged(run.before))
+        except PlanChangedError:
+            raise ConflictError("the kept plan was changed meanwhile, so it was not replaced: download again") from None
         text = (
             f"kept: mission of {len(found.mission.items)} items, fence of {len(found.fence.zones)} zones, "
             f"{len(found.rally)} rally points"
         )
-        return text + "".join(f"; the vehicle supports no {name}" for name in found.unsupported)
+        return text + "".join(f"; the vehicle supports no {name}" for name in found.unsupported), plan
 
-    def _end(self, run: _Running, status: CommandStatus, text: str) -> None:
+    def _end(self, run: _Running, status: CommandStatus, text: str, same: bool | None = None) -> None:
         self._running.pop(run.vehicle.id, None)
-        self._tell(run, status, text)
+        self._tell(run, status, text, same)
 
-    def _tell(self, run: _Running, status: CommandStatus, text: str) -> None:
+    def _say_kept(self, vehicle_id: str, plan: Plan | None) -> None:
+        self._say("plan", vehicle_id=vehicle_id, etag=None if plan is None else etag_of(plan))
+
+    def _tell(self, run: _Running, status: CommandStatus, text: str, same: bool | None = None) -> None:
         fields: dict[str, Any] = {"command_id": run.command_id, "vehicle_id": run.vehicle.id, "command": run.command}
+        if same is not None:
+            fields["same"] = same
         self._say("ack", **fields, status=str(status), text=text)
 
-    def _read_and_keep(self, vehicle_id: str, content: bytes) -> Plan:
+    def _read_and_keep(self, vehicle_id: str, content: bytes, condition: Condition) -> Plan:
         plan = read_plan(content)
-        self._shelf.keep(vehicle_id, plan)
+        self._shelf.keep(vehicle_id, plan, condition)
         return plan
 
 

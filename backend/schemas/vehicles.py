@@ -64,20 +64,26 @@ class NavigationBody(_Body):
 
 
 class CommandBody(_Body):
-    """A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff.
+    """A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto and orbit, ``alt_rel_m`` for those and takeoff.
+
+    ``orbit`` goes round the place at ``radius_m``, clockwise as seen from above unless ``clockwise`` is false.
+    ``start_mission`` flies the mission that the vehicle holds, from its first item.
 
     ``track_point`` has a camera that can follow what a pixel (``u_px``, ``v_px``) of a frame (``frame_id``) shows;
     ``track_stop`` ends that.
     """
 
     command: Literal[
-        "arm", "disarm", "takeoff", "goto", "hold", "return", "land", "inject_failure", "track_point", "track_stop"
-    ]
+        "arm", "disarm", "takeoff", "goto", "orbit", "hold", "return", "land", "start_mission", "inject_failure",
+        "track_point", "track_stop",
+    ]  # fmt: skip
     unit: Literal["gps"] | None = None
     failure: Literal["off", "ok"] | None = None
     lat_deg: float | None = Field(default=None, ge=-90, le=90)
     lon_deg: float | None = Field(default=None, ge=-180, le=180)
     alt_rel_m: float | None = Field(default=None, ge=0, le=5000)
+    radius_m: float | None = Field(default=None, ge=5, le=2000)
+    clockwise: bool | None = None
     frame_id: int | None = Field(default=None, ge=0)
     u_px: float | None = Field(default=None, allow_inf_nan=False)
     v_px: float | None = Field(default=None, allow_inf_nan=False)

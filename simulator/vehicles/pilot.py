@@ -8,6 +8,7 @@ from math import atan2, hypot, sqrt
 import numpy as np
 
 from estimator.types import Float
+from simulator.vehicles.mission_flight import MissionFlight
 from simulator.vehicles.route import Route
 from simulator.world.terrain import Terrain
 
@@ -21,6 +22,7 @@ SKID_M = 0.3
 # ArduPilot's GUID_TIMEOUT, and how long it lands by a target that it does not hear of any more.
 _SET_POINT_S, _TARGET_S = 3.0, 1.0
 _LANDING_M_S = 0.4
+_ORBIT_GAIN_PER_S, _FOLLOWS_S = 0.4, 1.0
 
 
 class FlightMode(IntEnum):
@@ -31,7 +33,12 @@ class FlightMode(IntEnum):
     GUIDED = 4
     LOITER = 5
     RTL = 6
+    CIRCLE = 7
     LAND = 9
+
+
+# By MAV_CMD: what a mission ends with.
+_MODE_AFTER = {17: FlightMode.LOITER, 20: FlightMode.RTL, 21: FlightMode.LAND}
 
 
 class Pilot:
@@ -57,12 +64,15 @@ class Pilot:
         self._until_it_stands = until_it_stands
         self._set_point: Float | None = None
         self._set_point_s = self._target_s = 0.0
+        self._orbit_m = 0.0
+        self._mission: MissionFlight | None = None
 
     def fly(self, mode: FlightMode, pos_ned_m: Float, goal_ned_m: Float | None = None) -> None:
         """Change the mode; GUIDED needs a goal, the others take it from where the vehicle is."""
         self.mode = mode
         self._speed_now = 0.0
         self._set_point, self._target_s = None, 0.0
+        self._mission = None
         if goal_ned_m is not None:
             self.goal_ned_m = np.array(goal_ned_m)
         elif mode is FlightMode.RTL:
@@ -74,6 +84,21 @@ class Pilot:
             self._next_stop = self._stop_after(self._index)
         else:
             self.goal_ned_m = np.array(pos_ned_m)
+
+    def fly_mission(self, mission: MissionFlight, pos_ned_m: Float) -> None:
+        """Fly a mission in place of the route."""
+        self.fly(FlightMode.AUTO, pos_ned_m)
+        self._mission = mission
+
+    @property
+    def mission_seq(self) -> int:
+        """The number of the item that is flown to, 0 while none is."""
+        return 0 if self._mission is None else self._mission.seq
+
+    def orbit(self, centre_ned_m: Float, radius_m: float, pos_ned_m: Float) -> None:
+        """Go round a point (3,) at its height, clockwise as seen from above where ``radius_m`` is positive."""
+        self.fly(FlightMode.CIRCLE, pos_ned_m, centre_ned_m)
+        self._orbit_m = radius_m
 
     @property
     def follows_set_points(self) -> bool:
@@ -92,8 +117,17 @@ class Pilot:
 
     def command(self, pos_ned_m: Float, dt_s: float) -> tuple[Float, float]:
         """Velocity (3,) and heading to fly now."""
+        if self._mission is not None:
+            self._mission.step(pos_ned_m, dt_s)
+            if self._mission.ended_with is not None:
+                self.fly(_MODE_AFTER[self._mission.ended_with], pos_ned_m)
+                return self.command(pos_ned_m, dt_s)
+            self.goal_ned_m = self._mission.goal_ned_m
+            return self._towards(self.goal_ned_m - pos_ned_m, dt_s), self._yaw
         if self.mode is FlightMode.AUTO:
             return self._along_route(pos_ned_m, dt_s), self._yaw
+        if self.mode is FlightMode.CIRCLE:
+            return self._round(self.goal_ned_m - pos_ned_m, dt_s), self._yaw
         if self._set_point is not None:
             self._set_point_s -= dt_s
             return (self._set_point if self._set_point_s > 0.0 else np.zeros(3)), self._yaw
@@ -122,6 +156,24 @@ class Pilot:
         if self.mode is FlightMode.LAND and self._until_it_stands:
             velocity[2] = max(velocity[2], _LANDING_M_S)
         return velocity
+
+    def _round(self, to_centre_ned_m: Float, dt_s: float) -> Float:
+        """Along the tangent of the circle and towards it; from far off that is straight to it."""
+        radius_m = abs(self._orbit_m)
+        distance = float(np.hypot(to_centre_ned_m[0], to_centre_ned_m[1]))
+        # At the centre itself any way out will do.
+        inward = to_centre_ned_m[:2] / distance if distance > 0.1 else np.array((-1.0, 0.0))
+        side = np.array((inward[1], -inward[0])) * (1.0 if self._orbit_m > 0.0 else -1.0)
+        wanted = min(self._speed, sqrt(_SIDE_ACCELERATION_M_S2 * radius_m))
+        self._speed_now += min(max(wanted - self._speed_now, -2.5 * dt_s), 1.2 * dt_s)
+        # A velocity that turns is followed late: without a lead inwards the circle comes out too wide.
+        lead_m_s = _FOLLOWS_S * self._speed_now**2 / max(distance, radius_m)
+        closing = _ORBIT_GAIN_PER_S * (distance - radius_m) + lead_m_s
+        closing = min(max(closing, -self._speed_now), self._speed_now)
+        around = sqrt(self._speed_now**2 - closing**2)
+        north, east = (closing * inward + around * side).tolist()
+        self._yaw = atan2(inward[1], inward[0])
+        return np.array([north, east, min(max(0.6 * float(to_centre_ned_m[2]), -_CLIMB_M_S), _CLIMB_M_S)])
 
     def _along_route(self, pos_ned_m: Float, dt_s: float) -> Float:
         route, count = self._route, len(self._route.pos_ned_m)

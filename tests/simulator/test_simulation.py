@@ -186,6 +186,37 @@ def test_goto_return_and_refusals(run: Run, world: World) -> None:
     assert run.command(192, -1, 0, 0, 0, float("nan"), float("nan"), 100) == mavlink.MAV_RESULT_DENIED
 
 
+def test_orbits_a_place_either_way_and_says_why_it_does_not(run: Run, world: World) -> None:
+    lat, lon, _ = world.frame.geodetic_from_ned(np.array([40.0, -30.0, 0.0]))
+    place = (round(np.degrees(float(lat)) * 1e7), round(np.degrees(float(lon)) * 1e7))
+
+    def orbit(radius_m: float) -> int:
+        run.send(mavlink.MAVLink_command_int_message(1, 1, 6, 34, 0, 0, radius_m, float("nan"), 0, 0, *place, 60.0))
+        run.fly(0.05)
+        return int(run.of("COMMAND_ACK")[-1].result)
+
+    run.fly(1.0)
+    assert orbit(3.0) == mavlink.MAV_RESULT_DENIED
+    assert run.of("STATUSTEXT")[-1].text == "Orbit: radius 5 to 1000 m"
+    for radius_m in (30.0, -20.0):
+        assert orbit(radius_m) == mavlink.MAV_RESULT_ACCEPTED
+        run.fly(45.0)
+        out, velocity = [], []
+        for _ in range(20):
+            run.fly(0.5)
+            state = run.simulation.state
+            assert state is not None
+            out.append(state.pos_ned_m[:2] - (40.0, -30.0))
+            velocity.append(np.array(state.vel_ned_m_s[:2]))
+        # Wind and the receiver's own error move it off the circle.
+        assert_allclose(np.linalg.norm(out, axis=1), abs(radius_m), atol=3.0)
+        # The turn from north to east, clockwise from above, is positive.
+        around = np.array([n * ve - e * vn for (n, e), (vn, ve) in zip(out, velocity, strict=True)])
+        assert np.all(around * radius_m > 0.0)
+        assert run.of("HEARTBEAT")[-1].custom_mode == 7  # CIRCLE
+    assert run.command(176, 1, 7) == mavlink.MAV_RESULT_DENIED  # a circle about nothing
+
+
 def test_orders_for_others_and_garbage_are_ignored(run: Run) -> None:
     run.fly(0.5)
     run.send(mavlink.MAVLink_command_long_message(9, 1, 20, 0, 0, 0, 0, 0, 0, 0, 0))

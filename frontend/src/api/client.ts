@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type { Command, Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -78,6 +78,8 @@ export interface StationApi {
   exportUrl(format: string): string;
   denyGps(vehicle_id: string, gps_denied: boolean): Promise<void>;
   injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string>;
+  /** The id under which its acknowledgements come on the stream. */
+  command(vehicle_id: string, command: Command): Promise<string>;
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection>;
   flights(): Promise<Flight[]>;
   deleteFlight(flight_id: string): Promise<void>;
@@ -213,6 +215,11 @@ export class RestApi implements StationApi {
   async injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string> {
     const params = { path: { vehicle_id } };
     const body = { command: 'inject_failure', unit: 'gps', failure } as const;
+    return (await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/commands', { params, body }))).command_id;
+  }
+
+  async command(vehicle_id: string, body: Command): Promise<string> {
+    const params = { path: { vehicle_id } };
     return (await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/commands', { params, body }))).command_id;
   }
 

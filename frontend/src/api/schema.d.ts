@@ -268,17 +268,21 @@ export interface paths {
         /**
          * Get Plan
          * @description The plan kept for a vehicle, or its file: what was put, with what is not understood here.
+         *
+         *     Its ``ETag`` changes with its content.
          */
         get: operations["get_plan_api_v1_vehicles__vehicle_id__plan_get"];
         /**
          * Put Plan
          * @description Keep a plan for a vehicle, heard or not. It is sent by ``POST …/plan/upload`` only.
+         *
+         *     With ``If-Match`` or ``If-None-Match: *`` it is kept only in place of what the sender has seen, else 412.
          */
         put: operations["put_plan_api_v1_vehicles__vehicle_id__plan_put"];
         post?: never;
         /**
          * Delete Plan
-         * @description Keep no plan for a vehicle; what the vehicle itself holds stays.
+         * @description Keep no plan for a vehicle; what the vehicle itself holds stays. ``If-Match`` as when keeping one.
          */
         delete: operations["delete_plan_api_v1_vehicles__vehicle_id__plan_delete"];
         options?: never;
@@ -320,6 +324,26 @@ export interface paths {
          * @description Fetch what the vehicle holds and keep it as its plan; ``ack`` messages on the stream say how that ends.
          */
         post: operations["download_plan_api_v1_vehicles__vehicle_id__plan_download_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/plan/compare": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Compare Plan
+         * @description Read what the vehicle holds and compare it with the kept plan; the last ``ack`` says ``same``, and how not.
+         */
+        post: operations["compare_plan_api_v1_vehicles__vehicle_id__plan_compare_post"];
         delete?: never;
         options?: never;
         head?: never;
@@ -862,7 +886,10 @@ export interface components {
         };
         /**
          * CommandBody
-         * @description A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto, ``alt_rel_m`` for goto and takeoff.
+         * @description A command to a vehicle; ``lat_deg``, ``lon_deg`` for goto and orbit, ``alt_rel_m`` for those and takeoff.
+         *
+         *     ``orbit`` goes round the place at ``radius_m``, clockwise as seen from above unless ``clockwise`` is false.
+         *     ``start_mission`` flies the mission that the vehicle holds, from its first item.
          *
          *     ``track_point`` has a camera that can follow what a pixel (``u_px``, ``v_px``) of a frame (``frame_id``) shows;
          *     ``track_stop`` ends that.
@@ -872,7 +899,7 @@ export interface components {
              * Command
              * @enum {string}
              */
-            command: "arm" | "disarm" | "takeoff" | "goto" | "hold" | "return" | "land" | "inject_failure" | "track_point" | "track_stop";
+            command: "arm" | "disarm" | "takeoff" | "goto" | "orbit" | "hold" | "return" | "land" | "start_mission" | "inject_failure" | "track_point" | "track_stop";
             /** Unit */
             unit?: "gps" | null;
             /** Failure */
@@ -883,6 +910,10 @@ export interface components {
             lon_deg?: number | null;
             /** Alt Rel M */
             alt_rel_m?: number | null;
+            /** Radius M */
+            radius_m?: number | null;
+            /** Clockwise */
+            clockwise?: boolean | null;
             /** Frame Id */
             frame_id?: number | null;
             /** U Px */
@@ -2593,7 +2624,12 @@ export interface operations {
     put_plan_api_v1_vehicles__vehicle_id__plan_put: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description The ETag that the kept plan must still have, or *: any plan */
+                "if-match"?: string | null;
+                /** @description *: only where no plan is kept yet */
+                "if-none-match"?: string | null;
+            };
             path: {
                 vehicle_id: string;
             };
@@ -2643,7 +2679,10 @@ export interface operations {
     delete_plan_api_v1_vehicles__vehicle_id__plan_delete: {
         parameters: {
             query?: never;
-            header?: never;
+            header?: {
+                /** @description The ETag that the kept plan must still have, or *: any plan */
+                "if-match"?: string | null;
+            };
             path: {
                 vehicle_id: string;
             };
@@ -2744,6 +2783,50 @@ export interface operations {
                 "application/json": components["schemas"]["DownloadRequest"] | null;
             };
         };
+        responses: {
+            /** @description Successful Response */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CommandAccepted"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    compare_plan_api_v1_vehicles__vehicle_id__plan_compare_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
         responses: {
             /** @description Successful Response */
             202: {

@@ -37,6 +37,7 @@ export interface Pointing {
   ground: GroundKind;
 }
 export type TargetTrack = Schemas['TrackBody'];
+export type Command = Schemas['CommandBody'];
 export type Flight = Schemas['FlightBody'];
 export type Pad = Schemas['PadBody'];
 export type Landing = Schemas['LandingBody'];

@@ -83,6 +83,8 @@ export class Chart {
   private readonly drape = new DrapeLayer();
   private readonly dragging: PointerInteraction;
   private readonly element: HTMLElement;
+  /** While a tool takes the clicks, none picks a target. */
+  toolsAtClicks = 0;
   private readonly format = new GeoJSON({ featureProjection: WEB_MERCATOR });
 
   constructor(element: HTMLElement, listener: ChartListener) {
@@ -117,6 +119,7 @@ export class Chart {
       if (!this.dragging.getActive()) listener.dragged();
     });
     this.map.on('singleclick', (event) => {
+      if (this.toolsAtClicks > 0) return;
       const layer = this.layers.get('targets');
       const hit = this.map.forEachFeatureAtPixel(event.pixel, (feature) => feature, {
         hitTolerance: 8,
@@ -145,6 +148,11 @@ export class Chart {
   dragLaid(on: boolean): void {
     this.dragging.setActive(on);
     this.element.style.cursor = on ? 'move' : '';
+  }
+
+  /** For what brings its own layers and tools. */
+  get canvas(): OlMap {
+    return this.map;
   }
 
   private readonly tileFailed: (map_id: string) => void;

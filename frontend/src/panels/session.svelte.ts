@@ -13,9 +13,10 @@ import { TrackBook } from '../store/tracks';
 import { Deletions } from '../store/deletions';
 import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
+import { Fly } from './fly.svelte';
 import { MatchOverlay } from './overlay.svelte';
 
-export type Tab = 'targets' | 'landing' | 'alarms' | 'flights' | 'maps';
+export type Tab = 'targets' | 'fly' | 'landing' | 'alarms' | 'flights' | 'maps';
 
 export interface Notice {
   id: number;
@@ -116,6 +117,7 @@ export class Session {
 
   readonly aim: Aim;
   readonly overlay: MatchOverlay;
+  readonly fly: Fly;
 
   constructor(
     readonly source: Source,
@@ -123,6 +125,7 @@ export class Session {
   ) {
     this.aim = new Aim(api);
     this.overlay = new MatchOverlay(api);
+    this.fly = new Fly(api);
     const stored = storedPreferences();
     this.format = stored.format;
     this.layers = stored.layers;
@@ -173,6 +176,7 @@ export class Session {
       if (message.type === 'fix' && message.kind === 'operator') {
         this.say(message.accepted ? 'info' : 'error', message.accepted ? 'The estimate follows the alignment' : `Alignment: ${message.reason}`);
       }
+      this.fly.take(message);
       if (message.type === 'ack' && !['accepted', 'in_progress'].includes(message.status)) {
         this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
       }
@@ -205,6 +209,7 @@ export class Session {
     this.follow = true;
     this.aim.clear();
     this.overlay.clear();
+    this.fly.clear();
     if (vehicle_id !== null) this.prime(vehicle_id);
   }
 

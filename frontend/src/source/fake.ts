@@ -196,6 +196,7 @@ class FakeStation implements Source {
       this.cut = failure === 'off';
       return Promise.resolve('1');
     },
+    command: () => Promise.reject(new Error('the fake station flies nothing')),
     track: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
     flights: () => Promise.resolve([]),
     deleteFlight: () => Promise.resolve(),

@@ -136,6 +136,60 @@ async def test_what_cannot_be_kept_is_refused_and_changes_nothing(tmp_path: Path
     assert len(kept["items"]) == 3
 
 
+async def test_a_save_that_rests_on_an_older_plan_is_refused(tmp_path: Path) -> None:
+    async with running_station(tmp_path) as running, running.stream() as stream:
+        client = running.client
+        first = await client.put(PLAN, content=WAYPOINTS, headers={"If-None-Match": "*"})
+        said = await next_of(stream, "plan")
+        tag = {"If-Match": first.headers["etag"]}
+        twice = await client.put(PLAN, content=WAYPOINTS, headers={"If-None-Match": "*"})
+        mine = await client.put(PLAN, content=json.dumps(plan_document()), headers=tag)
+        stale = [
+            await client.put(PLAN, content=WAYPOINTS, headers=tag), await client.delete(PLAN, headers=tag),
+        ]  # fmt: skip
+        shown, file = await client.get(PLAN), await client.get(f"{PLAN}?format=plan")
+        several = {"If-Match": f'"other", {mine.headers["etag"]}'}
+        same = await client.put(PLAN, content=json.dumps(plan_document()), headers=several)
+        gone = await client.delete(PLAN, headers={"If-Match": mine.headers["etag"]})
+        nothing = await client.put(PLAN, content=WAYPOINTS, headers={"If-Match": "*"})
+        senseless = [
+            await client.put(PLAN, content=WAYPOINTS, headers=headers)
+            for headers in ({"If-Match": "3"}, {"If-None-Match": '"a"'}, {"If-Match": '"a"', "If-None-Match": "*"})
+        ]
+
+    assert f'"{said["etag"]}"' == first.headers["etag"] != mine.headers["etag"]
+    assert twice.status_code == 412
+    assert [answer.status_code for answer in stale] == [412, 412]
+    assert stale[0].json()["type"] == "/problems#PlanChanged"
+    assert mine.headers["etag"].strip('"') in stale[0].json()["detail"]
+    assert shown.headers["etag"] == file.headers["etag"] == mine.headers["etag"] == same.headers["etag"]
+    assert json.loads(file.content) == plan_document()
+    assert (gone.status_code, nothing.status_code) == (204, 412)
+    assert "none is kept" in nothing.json()["detail"]
+    assert {answer.status_code for answer in senseless} == {400}
+
+
+async def test_the_vehicles_mission_is_compared_and_neither_is_changed(tmp_path: Path) -> None:
+    async with connected(tmp_path) as (running, vehicle, stream):
+        client = running.client
+        await client.put(PLAN, content=json.dumps(without_fence()))
+        empty = await end_of(stream, await client.post(f"{PLAN}/compare"))
+        await end_of(stream, await client.post(f"{PLAN}/upload"))
+        same = await end_of(stream, await client.post(f"{PLAN}/compare"))
+        vehicle.store.items[2].z = 5.0
+        other = await end_of(stream, await client.post(f"{PLAN}/compare"))
+        kept = await client.get(f"{PLAN}?format=plan")
+        await client.put(PLAN, content=json.dumps(plan_document()))
+        fenced = await end_of(stream, await client.post(f"{PLAN}/compare"))
+
+    assert (empty["status"], empty["same"]) == ("accepted", False)
+    assert "0 items instead of 5" in empty["text"]
+    assert (same["command"], same["status"], same["same"]) == ("plan_compare", "accepted", True)
+    assert (other["same"], "parameter 7 of item 2 is 5 instead of 50" in other["text"]) == (False, True)
+    assert json.loads(kept.content) == without_fence()
+    assert (fenced["same"], "fence: the vehicle supports none" in fenced["text"]) == (False, True)
+
+
 async def test_up_and_down_again(tmp_path: Path) -> None:
     async with connected(tmp_path) as (running, vehicle, stream):
         client = running.client

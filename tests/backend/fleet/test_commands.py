@@ -3,8 +3,9 @@
 import math
 
 import pytest
+from pydantic import ValidationError
 
-from backend.errors import InvalidRequestError
+from backend.errors import CommandRefusedError, InvalidRequestError
 from backend.fleet.commands import steps_of, tracking_steps
 from backend.fleet.feed import FrameIdentity
 from backend.link.events import Autopilot, VehicleType
@@ -15,7 +16,15 @@ HELI = (Autopilot.ARDUPILOT, VehicleType.HELICOPTER)
 
 @pytest.mark.parametrize(
     ("command", "numbers"),
-    [("arm", [400]), ("disarm", [400]), ("takeoff", [176, 22]), ("hold", [176]), ("return", [20]), ("land", [21])],
+    [
+        ("arm", [400]),
+        ("disarm", [400]),
+        ("takeoff", [176, 22]),
+        ("hold", [176]),
+        ("return", [20]),
+        ("land", [21]),
+        ("start_mission", [300]),
+    ],
 )
 def test_commands_of_an_ardupilot_helicopter(command: str, numbers: list[int]) -> None:
     steps = steps_of(CommandBody.model_validate({"command": command}), *HELI)
@@ -48,8 +57,31 @@ def test_hold_of_px4_and_of_ardupilot_are_their_own_modes() -> None:
     assert px4.params[:3] == (1.0, 4.0, 3.0)  # main mode AUTO, sub mode LOITER
 
 
+def test_an_orbit_has_its_side_in_the_sign_and_its_height_as_the_autopilot_takes_it() -> None:
+    body = CommandBody(command="orbit", lat_deg=47.5, lon_deg=8.5, alt_rel_m=60.0, radius_m=40.0, clockwise=False)
+    (ardupilot,) = steps_of(body, *HELI)
+    (px4,) = steps_of(body, Autopilot.PX4, VehicleType.MULTIROTOR, home_alt_amsl_m=450.0)
+
+    assert (ardupilot.command, ardupilot.frame, ardupilot.params[0], ardupilot.params[6]) == (34, 6, -40.0, 60.0)
+    assert (px4.command, px4.frame, px4.params[0], px4.params[6]) == (34, 5, -40.0, 510.0)
+    assert [round(value) for value in px4.params[4:6]] == [475000000, 85000000]
+    with pytest.raises(CommandRefusedError, match="how high its home lies"):
+        steps_of(body, Autopilot.PX4, VehicleType.MULTIROTOR)
+
+
+@pytest.mark.parametrize("radius_m", [4.9, 2000.1, math.nan, math.inf])
+def test_orbits_that_nobody_flies_are_refused(radius_m: float) -> None:
+    with pytest.raises(ValidationError):
+        CommandBody(command="orbit", lat_deg=47.5, lon_deg=8.5, alt_rel_m=60.0, radius_m=radius_m)
+
+
 @pytest.mark.parametrize(
-    "body", [{"command": "goto", "lat_deg": 1, "lon_deg": 2}, {"command": "inject_failure", "unit": "gps"}]
+    "body",
+    [
+        {"command": "orbit", "lat_deg": 1, "lon_deg": 2, "alt_rel_m": 50},
+        {"command": "goto", "lat_deg": 1, "lon_deg": 2},
+        {"command": "inject_failure", "unit": "gps"},
+    ],
 )
 def test_incomplete_commands_are_refused(body: dict[str, object]) -> None:
     with pytest.raises(InvalidRequestError):

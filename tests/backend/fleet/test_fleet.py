@@ -1,7 +1,10 @@
 """Link events folded into vehicles."""
 
 import math
+from dataclasses import replace
 from typing import Any
+
+import pytest
 
 from backend.fleet.fleet import Fleet
 from backend.fleet.vehicle import LiveVehicle
@@ -13,6 +16,7 @@ from backend.link.events import (
     TelemetryBattery,
     TelemetryGps,
     TelemetryHeartbeat,
+    TelemetryMission,
     TelemetryPosition,
     VehicleAppeared,
     VehicleLost,
@@ -62,6 +66,19 @@ def test_telemetry_is_a_fold_of_what_was_said() -> None:
     message = heard.vehicle.telemetry_message()
     assert (message["armed"], message["flight_mode"], message["simulated"]) == (True, "AUTO", True)
     assert (message["battery_v"], message["battery_pct"]) == (22.1, 80.0)
+
+
+@pytest.mark.parametrize(("autopilot", "numbers"), [(Autopilot.ARDUPILOT, [None, 1, 7]), (Autopilot.PX4, [1, 2, 8])])
+def test_the_current_item_counts_from_one_whatever_the_vehicle_counts(
+    autopilot: Autopilot, numbers: list[int | None]
+) -> None:
+    heard = Heard()
+    heard.fleet.take(A, replace(heartbeat(1, "AUTO"), autopilot=autopilot))
+    told = []
+    for seq in (0, 1, 7):
+        heard.fleet.take(A, TelemetryMission(2, 7, seq))
+        told.append(heard.vehicle.telemetry_message()["mission_item"])
+    assert told == numbers
 
 
 def test_a_gps_without_fix_has_no_place_and_no_track() -> None:
