@@ -19,7 +19,7 @@ from backend.schemas.vehicles import CommandBody
 from estimator.types import NavigationState
 
 HOVERS = (VehicleType.MULTIROTOR, VehicleType.HELICOPTER)
-STEERS = frozenset({"disarm", "takeoff", "goto", "orbit", "hold", "return", "land"})
+STEERS = frozenset({"disarm", "takeoff", "goto", "orbit", "hold", "return", "land", "start_mission"})
 COMMANDS: dict[Order, Literal["hold", "land"]] = {Order.HOLD: "hold", Order.LAND: "land"}
 FAREWELL_S = 3.0
 

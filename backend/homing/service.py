@@ -147,7 +147,7 @@ class Homings:
             "way": way.body.model_dump(), "remaining_m": _finite(remaining_m),
             "to_home_m": None if away is None else _finite(math.hypot(away[0], away[1])),
             "std_horizontal_m": None if state is None else _finite(worst_std(state.cov_pos_ned_m2[:2, :2])),
-            "set_point_ned_m_s": None if point is None else tuple(float(value) for value in point),
+            "set_point_ned_m_s": None if point is None else [float(value) for value in point],
         }  # fmt: skip
 
     def _flight(self, vehicle: LiveVehicle) -> HomeFlight | None:

@@ -81,4 +81,4 @@ class HomingBody(BaseModel):
     remaining_m: float | None
     to_home_m: float | None
     std_horizontal_m: float | None
-    set_point_ned_m_s: tuple[float, float, float] | None
+    set_point_ned_m_s: list[float] | None

@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Command, Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type { Command, Flight, Footprint, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -99,6 +99,8 @@ export interface StationApi {
   removePad(): Promise<void>;
   /** What is begun here ends with this page. */
   askLanding(vehicle_id: string, wish: LandingWish): Promise<void>;
+  /** The way home, flown or only shown; what is flown ends with this page. */
+  askHoming(vehicle_id: string, wish: HomingWish): Promise<Homing>;
   /** Null where no picture has shown the pad lately. */
   padView(vehicle_id: string): Promise<PadView | null>;
 }
@@ -312,6 +314,11 @@ export class RestApi implements StationApi {
   async askLanding(vehicle_id: string, wish: LandingWish): Promise<void> {
     const body = this.page ? { ...wish, page: this.page } : wish;
     await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/landing', { params: { path: { vehicle_id } }, body }));
+  }
+
+  askHoming(vehicle_id: string, wish: HomingWish): Promise<Homing> {
+    const body = { ...wish, page: this.page || null } as HomingRequest;
+    return this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/homing', { params: { path: { vehicle_id } }, body }));
   }
 
   async padView(vehicle_id: string): Promise<PadView | null> {

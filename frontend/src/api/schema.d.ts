@@ -258,6 +258,32 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/homing": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Homing
+         * @description How a vehicle's flight home stands; the fields of the stream's ``homing`` message.
+         */
+        get: operations["get_homing_api_v1_vehicles__vehicle_id__homing_get"];
+        put?: never;
+        /**
+         * Ask Homing
+         * @description Show the way home (``preview``), fly it (``fly``), or end that (``abort``); a second ``abort`` ends standing.
+         *
+         *     A flight that was begun stands still by the estimate when the page that began it goes away.
+         */
+        post: operations["ask_homing_api_v1_vehicles__vehicle_id__homing_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/plan": {
         parameters: {
             query?: never;
@@ -1105,6 +1131,76 @@ export interface components {
             alt_amsl_m: number;
         };
         /**
+         * HomingBody
+         * @description The flight home of a vehicle, or its last; ``phase`` null and inactive where there was none.
+         *
+         *     ``wait``: the estimate is not good enough to go on by, and the vehicle stands by its velocity. ``hold``: the flight
+         *     was ended in the air, and the station keeps the vehicle still over the ground until that is ended too.
+         */
+        HomingBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            /** Active */
+            active: boolean;
+            /** Phase */
+            phase: ("climb" | "follow" | "arrive" | "descend" | "touchdown" | "wait" | "landed" | "abort" | "hold") | null;
+            /** Reason */
+            reason: string;
+            way: components["schemas"]["WayBody"] | null;
+            /** Remaining M */
+            remaining_m: number | null;
+            /** To Home M */
+            to_home_m: number | null;
+            /** Std Horizontal M */
+            std_horizontal_m: number | null;
+            /** Set Point Ned M S */
+            set_point_ned_m_s: number[] | null;
+        };
+        /**
+         * HomingRequest
+         * @description Fly home, see the way, or end it. A flight stands still when the page that began it goes away.
+         *
+         *     Without ``home`` it is the vehicle's own. It is flown over the places of ``via`` in their order, at ``alt_amsl_m``;
+         *     without that, at the present height, and ``clearance_m`` above the highest ground below and beside the way at least.
+         *     ``land`` false has it stay over home. ``when_lost`` says what the autopilot is told where the estimate is lost and
+         *     does not come back: hold by itself, or land where it is.
+         */
+        HomingRequest: {
+            /**
+             * Action
+             * @enum {string}
+             */
+            action: "preview" | "fly" | "abort";
+            /** Page */
+            page?: string | null;
+            home?: components["schemas"]["PlaceBody"] | null;
+            /** Via */
+            via?: components["schemas"]["PlaceBody"][];
+            /**
+             * Speed M S
+             * @default 8
+             */
+            speed_m_s: number;
+            /** Alt Amsl M */
+            alt_amsl_m?: number | null;
+            /**
+             * Clearance M
+             * @default 50
+             */
+            clearance_m: number;
+            /**
+             * Land
+             * @default true
+             */
+            land: boolean;
+            /**
+             * When Lost
+             * @default hold
+             * @enum {string}
+             */
+            when_lost: "hold" | "land";
+        };
+        /**
          * LandingBody
          * @description Where a vehicle is relative to the pad; null where it is not known.
          *
@@ -1181,6 +1277,20 @@ export interface components {
             land?: true | null;
             /** Abort */
             abort?: true | null;
+        };
+        /**
+         * LineBody
+         * @description A GeoJSON line: longitude, latitude and height above mean sea level.
+         */
+        LineBody: {
+            /**
+             * Type
+             * @default LineString
+             * @constant
+             */
+            type: "LineString";
+            /** Coordinates */
+            coordinates: number[][];
         };
         /**
          * LocateBody
@@ -1411,6 +1521,16 @@ export interface components {
             description: {
                 [key: string]: unknown;
             };
+        };
+        /**
+         * PlaceBody
+         * @description A place on WGS-84.
+         */
+        PlaceBody: {
+            /** Lat Deg */
+            lat_deg: number;
+            /** Lon Deg */
+            lon_deg: number;
         };
         /**
          * PlanBody
@@ -1883,6 +2003,31 @@ export interface components {
             std_s: number | null;
             /** Reason */
             reason: string;
+        };
+        /**
+         * WayBody
+         * @description The way home. ``ground_amsl_m`` is the highest ground below and beside it, null where none is known.
+         */
+        WayBody: {
+            geometry: components["schemas"]["LineBody"];
+            home: components["schemas"]["PlaceBody"];
+            /** Length M */
+            length_m: number;
+            /** Seconds */
+            seconds: number;
+            /** Alt Amsl M */
+            alt_amsl_m: number;
+            /** Ground Amsl M */
+            ground_amsl_m: number | null;
+            /** Speed M S */
+            speed_m_s: number;
+            /** Land */
+            land: boolean;
+            /**
+             * When Lost
+             * @enum {string}
+             */
+            when_lost: "hold" | "land";
         };
     };
     responses: never;
@@ -2549,6 +2694,98 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_homing_api_v1_vehicles__vehicle_id__homing_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HomingBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    ask_homing_api_v1_vehicles__vehicle_id__homing_post: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["HomingRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HomingBody"];
+                };
             };
             /** @description A problem (RFC 9457) */
             default: {

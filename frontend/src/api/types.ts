@@ -41,6 +41,11 @@ export type Command = Schemas['CommandBody'];
 export type Flight = Schemas['FlightBody'];
 export type Pad = Schemas['PadBody'];
 export type Landing = Schemas['LandingBody'];
+export type Homing = Schemas['HomingBody'];
+export type HomingRequest = Schemas['HomingRequest'];
+export type Way = Schemas['WayBody'];
+/** What is not said is as the station has it. */
+export type HomingWish = Pick<HomingRequest, 'action'> & Partial<Omit<HomingRequest, 'page'>>;
 export type PadSeen = Schemas['SeenBody'];
 export type TrackCollection = Schemas['TrackCollection'];
 
@@ -250,6 +255,8 @@ export interface ReplayPreparingMessage extends Envelope {
 
 export type LandingMessage = Envelope & Landing & { type: 'landing' };
 
+export type HomingMessage = Envelope & Homing & { type: 'homing' };
+
 /** Another pad is looked for, or none. */
 export interface PadMessage extends Envelope {
   type: 'pad';
@@ -288,6 +295,7 @@ export type StationMessage =
   | ReplayMessage
   | ReplayPreparingMessage
   | LandingMessage
+  | HomingMessage
   | PadMessage
   | WaitingMessage
   | VehicleMessage

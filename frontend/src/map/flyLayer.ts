@@ -1,4 +1,4 @@
-/** One layer for the place to go to, over everything else. */
+/** A layer for the place to go to or the way there, over everything else. */
 
 import type { FeatureLike } from 'ol/Feature';
 import GeoJSON from 'ol/format/GeoJSON';
@@ -18,11 +18,17 @@ const ORBIT = [
   new Style({ stroke: new Stroke({ color: COLOUR, width: 1.5, lineDash: [2, 5] }) }),
 ];
 
+const WAY = [
+  new Style({ stroke: new Stroke({ color: COLOURS.casing, width: 5 }) }),
+  new Style({ stroke: new Stroke({ color: COLOUR, width: 2.5, lineDash: [10, 5] }) }),
+];
+const STYLES: Record<string, Style[]> = { orbit: ORBIT, way: WAY };
+
 export class FlyLayer {
   private readonly source = new VectorSource({ useSpatialIndex: false });
   private readonly layer = new VectorLayer({
     source: this.source,
-    style: (feature: FeatureLike) => (feature.get('kind') === 'orbit' ? ORBIT : MARK),
+    style: (feature: FeatureLike) => STYLES[String(feature.get('kind'))] ?? MARK,
     zIndex: 140,
     updateWhileInteracting: true,
   });

@@ -2,7 +2,7 @@
 
 import type { StationApi } from '../api/client';
 import { ApiError } from '../api/client';
-import type { Matchability, StationMessage, Target } from '../api/types';
+import type { Matchability, StationMessage, Target, Way } from '../api/types';
 import type { CoordinateFormat } from '../geo/format';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
@@ -77,6 +77,8 @@ export class Session {
   sightingsRevision = $state(0);
   /** Whether what is clicked in the video is followed from then on. */
   followClicks = $state(false);
+  /** The way home that was asked for. */
+  way = $state.raw<{ vehicle_id: string; way: Way } | null>(null);
   /** Where the map should go next; a new object each time. */
   goto = $state.raw<{ lat_deg: number; lon_deg: number } | null>(null);
 

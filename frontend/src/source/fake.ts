@@ -213,6 +213,7 @@ class FakeStation implements Source {
     givePad: () => Promise.reject(new Error('nothing is landed here')),
     removePad: () => Promise.resolve(),
     askLanding: () => Promise.reject(new Error('nothing is landed here')),
+    askHoming: () => Promise.reject(new Error('nothing is flown here')),
     padView: () => Promise.resolve(null),
   };
 }

@@ -146,7 +146,7 @@ export function crossAt({ x_m, y_m }: Pick<Landing, 'x_m' | 'y_m'>, side_m: numb
   return { x: y_m * factor, y: -x_m * factor, outside: factor < 1 };
 }
 
-function sentence(reason: string): string {
+export function sentence(reason: string): string {
   const text = reason.trim();
   return text.charAt(0).toUpperCase() + text.slice(1) + (/[.!?]$/.test(text) ? '' : '.');
 }

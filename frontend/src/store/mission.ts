@@ -5,6 +5,7 @@ import type {
   Alarm,
   FixMessage,
   GpsMessage,
+  HomingMessage,
   LandingMessage,
   LinkMessage,
   MapSummary,
@@ -39,6 +40,7 @@ export interface Vehicle {
   fixesRejected: number;
   replay: ReplayMessage | null;
   landing: LandingMessage | null;
+  homing: HomingMessage | null;
 }
 
 export interface Mission {
@@ -85,6 +87,7 @@ export function newVehicle(id: string, summary: VehicleSummary | null = null): V
     fixesRejected: 0,
     replay: null,
     landing: null,
+    homing: null,
   };
 }
 
@@ -229,6 +232,8 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
     }
     case 'landing':
       return withVehicle(mission, message.vehicle_id, { landing: message });
+    case 'homing':
+      return withVehicle(mission, message.vehicle_id, { homing: message });
     case 'pad':
       return { ...mission, padRevision: mission.padRevision + 1 };
     case 'waiting':
