@@ -154,9 +154,38 @@ def test_demo(console: Console) -> None:
     page.get_by_role("button", name="Matchability").click(timeout=deadline.left_ms)
     expect(page.get_by_text("median sigma")).to_be_visible(timeout=deadline.left_ms)
     console.photograph("4-matchability")
+    check_home(console, vehicle["id"])
 
     assert not console.errors
     assert not console.demo.ended, "".join(console.demo.said)
+
+
+def check_home(console: Console, vehicle_id: str) -> None:
+    """Without GPS it is flown towards home by vision; one press has it stand, another ends that."""
+    page, left_ms = console.page, console.deadline.left_ms
+    page.get_by_test_id("tab-fly").click(timeout=left_ms)
+    page.get_by_test_id("show-way").click(timeout=left_ms)
+    expect(page.get_by_test_id("way-words")).to_contain_text("above the highest ground", timeout=left_ms)
+    assert console.get(f"vehicles/{vehicle_id}/homing")["active"] is False
+    console.photograph("5-way-home")
+    # A press is not a hold.
+    page.get_by_test_id("fly-home").click(timeout=left_ms)
+    assert console.get(f"vehicles/{vehicle_id}/homing")["active"] is False
+    page.get_by_test_id("fly-home").hover(timeout=left_ms)
+    page.mouse.down()
+    bar = page.get_by_test_id("homing-bar")
+    expect(bar).to_be_visible(timeout=left_ms)
+    page.mouse.up()
+    expect(bar).to_have_attribute("data-phase", "follow", timeout=left_ms)
+    farther = console.get(f"vehicles/{vehicle_id}/homing")["remaining_m"]
+    while (told := console.get(f"vehicles/{vehicle_id}/homing"))["remaining_m"] > farther - 30.0:
+        assert told["active"] and console.deadline.left_s > 1.0, told
+        page.wait_for_timeout(200)
+    console.photograph("6-flying-home")
+    page.get_by_test_id("abort-homing").click(timeout=left_ms)
+    expect(bar).to_have_attribute("data-phase", "hold", timeout=left_ms)
+    page.get_by_test_id("abort-homing").click(timeout=left_ms)
+    expect(bar).to_have_count(0, timeout=left_ms)
 
 
 def check_crosshair(console: Console, box: Any) -> None:
