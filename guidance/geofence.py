@@ -11,13 +11,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.geometry.local import LocalFrame
+from estimator.types import Float
 from guidance.mission import Home, check_place
 
 MAX_VERTICES = 255
 MAX_ZONES = 255
 _MAX_RADIUS_M = 1_000_000.0
+
+Bool = NDArray[np.bool_]
 
 Place = tuple[float, float]
 """Latitude and longitude, WGS-84, degrees."""
@@ -51,6 +55,19 @@ class FencePolygon:
         for (lat_a, lon_a), (lat_b, lon_b) in zip(corners, (*corners[1:], corners[0]), strict=True):
             if (lat_a > lat_deg) != (lat_b > lat_deg):
                 inside ^= (lon_b - lon_a) * (lat_deg - lat_a) / (lat_b - lat_a) + lon_a > 0.0
+        return inside
+
+    def holds_each(self, lat_deg: Float, lon_deg: Float) -> Bool:
+        """``holds`` for places (...)."""
+        first_lon = self.vertices_deg[0][1]
+        first = _wrapped_each(first_lon - lon_deg)
+        inside = np.zeros(np.shape(lat_deg), np.bool_)
+        corners = [(lat, _wrapped(lon - first_lon)) for lat, lon in self.vertices_deg]
+        for (lat_a, lon_a), (lat_b, lon_b) in zip(corners, (*corners[1:], corners[0]), strict=True):
+            if lat_a == lat_b:
+                continue
+            between = (lat_a > lat_deg) != (lat_b > lat_deg)
+            inside ^= between & ((lon_b - lon_a) * (lat_deg - lat_a) / (lat_b - lat_a) + lon_a + first > 0.0)
         return inside
 
     def crosses_itself(self) -> bool:
@@ -90,6 +107,13 @@ class FenceCircle:
         offset_m = frame.ned_from_geodetic(math.radians(lat_deg), math.radians(lon_deg), 0.0)
         return float(np.linalg.norm(offset_m)) <= self.radius_m
 
+    def holds_each(self, lat_deg: Float, lon_deg: Float) -> Bool:
+        """``holds`` for places (...)."""
+        frame = LocalFrame(math.radians(self.lat_deg), math.radians(self.lon_deg), 0.0)
+        offset_m = frame.ned_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), np.zeros(np.shape(lat_deg)))
+        inside: Bool = np.linalg.norm(offset_m, axis=-1) <= self.radius_m
+        return inside
+
 
 @dataclass(frozen=True, slots=True)
 class Geofence:
@@ -125,6 +149,23 @@ class Geofence:
                 inside_of.append(holds)
         return all(inside_of) if rule is InclusionRule.ALL else any(inside_of) or not inside_of
 
+    def left_by(self, lat_deg: Float, lon_deg: Float, rule: InclusionRule = InclusionRule.ALL) -> Bool:
+        """Where of places (...) the vehicle is not inside of the inclusions as the rule asks; exclusions aside."""
+        inside = [zone.holds_each(lat_deg, lon_deg) for zone in self.zones if zone.inclusion]
+        if not inside:
+            return np.zeros(np.shape(lat_deg), np.bool_)
+        together = np.logical_and if rule is InclusionRule.ALL else np.logical_or
+        left: Bool = ~together.reduce(inside)
+        return left
+
+    def entered_by(self, lat_deg: Float, lon_deg: Float) -> Bool:
+        """Where of places (...) the vehicle is inside of an exclusion."""
+        entered = np.zeros(np.shape(lat_deg), np.bool_)
+        for zone in self.zones:
+            if not zone.inclusion:
+                entered |= zone.holds_each(lat_deg, lon_deg)
+        return entered
+
 
 def _check_finite(lat_deg: float, lon_deg: float) -> None:
     check_place(lat_deg, lon_deg)
@@ -135,6 +176,11 @@ def _check_finite(lat_deg: float, lon_deg: float) -> None:
 
 def _wrapped(degrees: float) -> float:
     return (degrees + 180.0) % 360.0 - 180.0
+
+
+def _wrapped_each(degrees: Float) -> Float:
+    wrapped: Float = (degrees + 180.0) % 360.0 - 180.0
+    return wrapped
 
 
 def _meet(a: Place, b: Place, c: Place, d: Place) -> bool:

@@ -10,13 +10,15 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Header, Query, Request, Response
 
 from backend.api.access import the_station
-from backend.errors import InvalidRequestError, PlanFileError, UnknownVehicleError
-from backend.link.events import Autopilot
+from backend.errors import InvalidRequestError, NoPlanError, PlanFileError, UnknownVehicleError
+from backend.link.events import Autopilot, VehicleType
+from backend.missions.path import path_of
 from backend.missions.plan import Plan
 from backend.missions.plan_file import MAX_BYTES, write_plan
 from backend.missions.service import rule_of
 from backend.missions.shelf import ALWAYS, Condition, etag_of
 from backend.schemas.missions import DownloadRequest, PartName, PlanBody, UploadRequest, kinds_of, plan_body
+from backend.schemas.plan_path import PathFeature, no_path, path_feature
 from backend.schemas.vehicles import CommandAccepted
 from backend.station import Station
 
@@ -53,6 +55,24 @@ async def get_plan(
         "ETag": f'"{etag}"', "Content-Disposition": f'attachment; filename="vehicle-{vehicle_id}.plan"',
     }  # fmt: skip
     return Response(await asyncio.to_thread(write_plan, plan), media_type=JSON, headers=headers)
+
+
+@router.get("/path")
+async def get_path(vehicle_id: str, station: TheStation) -> PathFeature:
+    """The kept plan as it would be flown: speed, radius, height and time along it, and what should be looked at.
+
+    A GeoJSON feature without geometry where there is nothing to fly; its ``etag`` is null where no plan is kept.
+    """
+    try:
+        plan = await station.missions.plan(_id(vehicle_id, station))
+    except NoPlanError:
+        return no_path(vehicle_id)
+    vehicle = station.fleet.vehicles.get(vehicle_id)
+    rule = rule_of(Autopilot.OTHER if vehicle is None else vehicle.autopilot)
+    kind = VehicleType.OTHER if vehicle is None else vehicle.vehicle_type
+    return await asyncio.to_thread(
+        lambda: path_feature(vehicle_id, etag_of(plan), plan.warnings(rule), path_of(plan, kind, rule))
+    )
 
 
 @router.put("", openapi_extra=_BODY)

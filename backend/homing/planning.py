@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -111,22 +110,26 @@ def _check_fence(track_ned_m: Float, setup: NavigationSetup, fence: Geofence, ru
     """Refuse a way that leaves the fence; one that begins outside may come in."""
     if not fence.zones:
         return
-    inside = False
-    for lon, lat, _ in _coordinates(track_ned_m, setup):
-        allowed = fence.allows(lat, lon, rule)
-        if inside and not allowed:
-            raise CommandRefusedError(
-                f"the way leaves the fence at {lat:.6f}, {lon:.6f}: name places to fly over ('via') that keep inside"
-            )
-        inside = inside or allowed
-    if not inside:
+    lat_deg, lon_deg, _ = _geodetic(track_ned_m, setup)
+    outside = fence.left_by(lat_deg, lon_deg, rule) | fence.entered_by(lat_deg, lon_deg)
+    if outside[-1]:
         raise CommandRefusedError("home lies outside of the fence")
+    inside = np.flatnonzero(~outside)
+    left = inside[0] + np.flatnonzero(outside[inside[0] :])
+    if len(left):
+        at = int(left[0])
+        raise CommandRefusedError(
+            f"the way leaves the fence at {lat_deg[at]:.6f}, {lon_deg[at]:.6f}: name places to fly over ('via') that "
+            "keep inside"
+        )
 
 
 def _coordinates(points_ned_m: Float, setup: NavigationSetup) -> list[list[float]]:
-    columns: list[Any] = list(setup.frame.geodetic_from_ned(points_ned_m))
-    lat, lon, alt = (np.asarray(column) for column in columns)
-    return [
-        [round(math.degrees(x), 7), round(math.degrees(y), 7), round(float(z), 2)]
-        for x, y, z in zip(lon.tolist(), lat.tolist(), alt.tolist(), strict=True)
-    ]
+    lat_deg, lon_deg, alt_m = (column.tolist() for column in _geodetic(points_ned_m, setup))
+    return [[round(x, 7), round(y, 7), round(z, 2)] for x, y, z in zip(lon_deg, lat_deg, alt_m, strict=True)]
+
+
+def _geodetic(points_ned_m: Float, setup: NavigationSetup) -> tuple[Float, Float, Float]:
+    """Latitude and longitude in degrees, and altitude, (n,) each."""
+    lat, lon, alt = setup.frame.geodetic_from_ned(points_ned_m)
+    return np.degrees(lat), np.degrees(lon), alt

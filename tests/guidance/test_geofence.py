@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -77,3 +78,28 @@ def test_what_is_no_zone() -> None:
             FenceCircle(True, 47.0, 8.0, radius_m)
     with pytest.raises(ValueError, match="zones"):
         Geofence((), (FenceCircle(True, 47.0, 8.0, 1.0),) * 256)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02)), min_size=3, max_size=8),
+    st.sampled_from([8.0, 180.0, -179.99]), st.integers(0, 2**32 - 1), st.sampled_from(list(InclusionRule)),
+)  # fmt: skip
+def test_many_places_at_once_are_judged_as_one_by_one(
+    corners: list[tuple[float, float]], lon_deg: float, seed: int, rule: InclusionRule
+) -> None:
+    def wrapped(lon: float) -> float:
+        return (lon + 180.0) % 360.0 - 180.0
+
+    shape = tuple((47.0 + lat, wrapped(lon_deg + lon)) for lat, lon in corners)
+    fence = Geofence(
+        (FencePolygon(True, shape), FencePolygon(False, shape[:3])),
+        (FenceCircle(True, 47.0, wrapped(lon_deg), 1500.0), FenceCircle(False, 47.005, wrapped(lon_deg), 300.0)),
+    )  # fmt: skip
+    offsets = np.random.default_rng(seed).uniform(-0.03, 0.03, (40, 2))
+    lat, lon = 47.0 + offsets[:, 0], np.array([wrapped(lon_deg + east) for east in offsets[:, 1]])
+    allowed = [fence.allows(float(a), float(b), rule) for a, b in zip(lat, lon, strict=True)]
+
+    assert (~fence.left_by(lat, lon, rule) & ~fence.entered_by(lat, lon)).tolist() == allowed
+    free = Geofence()
+    assert not free.left_by(lat, lon, rule).any()
+    assert not free.entered_by(lat, lon).any()

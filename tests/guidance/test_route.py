@@ -14,21 +14,13 @@ from guidance.route import highest_ground_amsl_m, route_through
 SQUARE = np.array([[0.0, 0.0, -50.0], [200.0, 0.0, -50.0], [200.0, 200.0, -50.0]])
 
 
-def sampled(points: Float, **options: float) -> Float:
-    s = np.linspace(0.0, 1.0, 101)
-    return np.concatenate([segment.curve.point(s) for segment in route_through(points, 8.0, **options)])
+def test_it_passes_the_points_and_bends_without_stopping() -> None:
+    first, second = route_through(SQUARE, 8.0)
 
-
-def test_a_corner_is_cut_by_a_circles_arc() -> None:
-    path = sampled(SQUARE, corner_m=40.0)
-
-    assert np.allclose(path[0], SQUARE[0]) and np.allclose(path[-1], SQUARE[-1])
-    # A quarter of a circle of 40 m about (160, 40) touches both legs where the bend begins and ends.
-    bend = path[(path[:, 0] > 160.01) & (path[:, 1] < 39.99)]
-    radius_m = np.hypot(bend[:, 0] - 160.0, bend[:, 1] - 40.0)
-    assert bend.shape[0] > 50
-    # A cubic is a quarter of a circle to three parts in ten thousand.
-    assert np.allclose(radius_m, 40.0, atol=0.02)
+    assert np.allclose([first.curve.start_ned_m, first.curve.end_ned_m, second.curve.end_ned_m], SQUARE)
+    # Equal legs: at the corner half way between both directions.
+    assert np.allclose(first.curve.end_tangent_ned_m / 200.0, (math.sqrt(0.5), math.sqrt(0.5), 0.0))
+    assert (first.end_m_s, second.end_m_s) == (8.0, 0.0)
 
 
 def test_segments_join_without_gap_or_kink_and_stop_at_the_last() -> None:

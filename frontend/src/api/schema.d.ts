@@ -316,6 +316,28 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/plan/path": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Path
+         * @description The kept plan as it would be flown: speed, radius, height and time along it, and what should be looked at.
+         *
+         *     A GeoJSON feature without geometry where there is nothing to fly; its ``etag`` is null where no plan is kept.
+         */
+        get: operations["get_path_api_v1_vehicles__vehicle_id__plan_path_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/plan/upload": {
         parameters: {
             query?: never;
@@ -892,6 +914,18 @@ export interface components {
             std_m: number;
             /** By */
             by?: string | null;
+        };
+        /**
+         * ArrivalBody
+         * @description How far and when a point is reached; ``item`` is null at home.
+         */
+        ArrivalBody: {
+            /** Item */
+            item: number | null;
+            /** Length M */
+            length_m: number;
+            /** Time S */
+            time_s: number;
         };
         /** Body_import_map_api_v1_maps_post */
         Body_import_map_api_v1_maps_post: {
@@ -1523,6 +1557,84 @@ export interface components {
             };
         };
         /**
+         * PathFeature
+         * @description A GeoJSON feature; without two places to fly between it has no geometry.
+         */
+        PathFeature: {
+            /**
+             * Type
+             * @default Feature
+             * @constant
+             */
+            type: "Feature";
+            geometry: components["schemas"]["PathLine"] | null;
+            properties: components["schemas"]["PathProperties"];
+        };
+        /**
+         * PathLine
+         * @description A GeoJSON line, longitude first.
+         */
+        PathLine: {
+            /**
+             * Type
+             * @default LineString
+             * @constant
+             */
+            type: "LineString";
+            /** Coordinates */
+            coordinates: [
+                number,
+                number
+            ][];
+        };
+        /**
+         * PathProblemBody
+         * @description What is wrong with a leg (``from_item`` to ``to_item``, null: home), and where that begins.
+         */
+        PathProblemBody: {
+            kind: components["schemas"]["ProblemKind"];
+            /** Text */
+            text: string;
+            /** From Item */
+            from_item: number | null;
+            /** To Item */
+            to_item: number | null;
+            /** Lat Deg */
+            lat_deg: number | null;
+            /** Lon Deg */
+            lon_deg: number | null;
+        };
+        /**
+         * PathProperties
+         * @description ``etag`` is the plan's, null where none is kept; ``warnings`` are those of the plan itself.
+         *
+         *     The lists have a number for each vertex of the line; a radius is null where nothing is turned.
+         */
+        PathProperties: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            /** Etag */
+            etag: string | null;
+            /** Length M */
+            length_m: number;
+            /** Duration S */
+            duration_s: number;
+            /** Speed M S */
+            speed_m_s: number[];
+            /** Turn Radius M */
+            turn_radius_m: (number | null)[];
+            /** Alt Rel M */
+            alt_rel_m: number[];
+            /** Time S */
+            time_s: number[];
+            /** Arrivals */
+            arrivals: components["schemas"]["ArrivalBody"][];
+            /** Problems */
+            problems: components["schemas"]["PathProblemBody"][];
+            /** Warnings */
+            warnings: string[];
+        };
+        /**
          * PlaceBody
          * @description A place on WGS-84.
          */
@@ -1566,6 +1678,12 @@ export interface components {
             /** Coordinates */
             coordinates: number[];
         };
+        /**
+         * ProblemKind
+         * @description What is wrong with a part of a path.
+         * @enum {string}
+         */
+        ProblemKind: "fence" | "exclusion" | "bend" | "climb" | "descent" | "unknown";
         /**
          * RallyPointBody
          * @description A place to wait or land at instead of home.
@@ -2933,6 +3051,50 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_path_api_v1_vehicles__vehicle_id__plan_path_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PathFeature"];
+                };
             };
             /** @description A problem (RFC 9457) */
             default: {

@@ -169,6 +169,21 @@ async def test_a_save_that_rests_on_an_older_plan_is_refused(tmp_path: Path) -> 
     assert {answer.status_code for answer in senseless} == {400}
 
 
+async def test_the_path_of_the_kept_plan_is_shown_with_its_etag(tmp_path: Path) -> None:
+    async with running_station(tmp_path) as running:
+        client = running.client
+        nothing = await client.get(f"{PLAN}/path")
+        put = await client.put(PLAN, content=json.dumps(plan_document()))
+        shown = (await client.get(f"{PLAN}/path")).json()
+        stranger = await client.get("/api/v1/vehicles/x/plan/path")
+
+    assert (nothing.status_code, nothing.json()["geometry"], nothing.json()["properties"]["etag"]) == (200, None, None)
+    assert (shown["type"], shown["geometry"]["type"]) == ("Feature", "LineString")
+    assert f'"{shown["properties"]["etag"]}"' == put.headers["etag"]
+    assert shown["properties"]["time_s"][-1] == pytest.approx(shown["properties"]["duration_s"], abs=0.01)
+    assert stranger.status_code == 404
+
+
 async def test_the_vehicles_mission_is_compared_and_neither_is_changed(tmp_path: Path) -> None:
     async with connected(tmp_path) as (running, vehicle, stream):
         client = running.client
