@@ -26,9 +26,9 @@ const HOMING: Homing = {
 };
 
 test('what waits or stands is watched, what has ended short of home is bad', () => {
-  expect(homingWords(HOMING)).toEqual({ text: 'FLYING HOME BY VISION', detail: '', tone: 'good' });
+  expect(homingWords(HOMING)).toEqual({ text: 'FLYING HOME', detail: '', tone: 'good' });
   const waiting = { ...HOMING, phase: 'wait' as const, reason: 'the estimator has lost the place' };
-  expect(homingWords(waiting)).toEqual({ text: 'WAITING FOR THE ESTIMATE', detail: 'The estimator has lost the place.', tone: 'watch' });
+  expect(homingWords(waiting)).toEqual({ text: 'WAITING', detail: 'The estimator has lost the place.', tone: 'watch' });
   expect(homingWords({ ...HOMING, phase: 'hold' })?.tone).toBe('watch');
   expect(homingWords({ ...HOMING, active: false, phase: 'landed' })?.tone).toBe('good');
   expect(homingWords({ ...HOMING, active: false, phase: 'hold' })?.tone).toBe('bad');

@@ -7,12 +7,12 @@ import { sentence } from './landing';
 import type { Words } from './words';
 
 const PHASES: Record<NonNullable<Homing['phase']>, string> = {
-  climb: 'TO THE HEIGHT OF THE WAY',
-  follow: 'FLYING HOME BY VISION',
+  climb: 'TO THE WAY',
+  follow: 'FLYING HOME',
   arrive: 'OVER HOME',
-  descend: 'DESCENDING OVER HOME',
+  descend: 'DESCENDING',
   touchdown: 'TOUCHING DOWN',
-  wait: 'WAITING FOR THE ESTIMATE',
+  wait: 'WAITING',
   landed: 'LANDED AT HOME',
   abort: 'FLIGHT HOME ENDED',
   hold: 'HOLDING BY VISION',
