@@ -74,6 +74,10 @@ class Fleet:
         vehicle = self.vehicles.get(str(event.system_id))
         if vehicle is None:
             return
+        if isinstance(event, CommandResult):
+            # It answers what was asked on its own link, whichever the vehicle is on by now.
+            self._acknowledge(vehicle, endpoint, event)
+            return
         if vehicle.endpoint != endpoint:
             # The same vehicle on two links: the second one is a spare, and takes over when the first falls silent.
             if vehicle.connected or not isinstance(event, TelemetryHeartbeat | VehicleReturned):
@@ -150,8 +154,6 @@ class Fleet:
             case LinkStats():
                 self.link_stats[vehicle.id] = _stats(vehicle, endpoint, event)
                 self._say("link", **self.link_stats[vehicle.id])
-            case CommandResult():
-                self._acknowledge(vehicle, endpoint, event)
             case StatusText():
                 self._say("alarm", **_text_alarm(vehicle, event))
             case _:

@@ -131,6 +131,17 @@ def test_answers_to_commands_carry_the_callers_id() -> None:
     ]
 
 
+def test_a_link_that_the_vehicle_has_left_still_answers_what_was_asked_on_it() -> None:
+    heard = Heard()
+    heard.fleet.note_command(A, 3, "my-id", "arm")
+    heard.fleet.take(A, VehicleLost(3, 7, 1))
+    heard.fleet.take(B, heartbeat(4, "ON B"))
+    heard.fleet.take(A, CommandResult(5, 7, 3, 400, CommandStatus.TIMEOUT, "no answer"))
+
+    assert [said["status"] for said in heard.of("ack")] == ["timeout"]
+    assert not heard.fleet._commands
+
+
 def test_a_vehicle_that_long_tells_no_place_is_set_up_without_one() -> None:
     """Expected: nothing for ten seconds of samples, then a set-up without a place, and a home that comes counts."""
     heard = Heard()
