@@ -23,7 +23,12 @@ def main() -> None:
     answers = {
         "source": f"mgrs {importlib.metadata.version('mgrs')}, which wraps NGA's GeoTrans",
         "places": [
-            {"lat_deg": lat, "lon_deg": lon, "mgrs": grid.toMGRS(lat, lon), "mgrs_100_m": grid.toMGRS(lat, lon, MGRSPrecision=3)}
+            {
+                "lat_deg": lat,
+                "lon_deg": lon,
+                "mgrs": grid.toMGRS(lat, lon),
+                "mgrs_100_m": grid.toMGRS(lat, lon, MGRSPrecision=3),
+            }
             for lat, lon in ((round(lat, 6), round(lon, 6)) for lat, lon in places)
         ],
     }
