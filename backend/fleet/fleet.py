@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from backend.fleet.telemetry import told
 from backend.fleet.vehicle import LiveVehicle, gps_reading, place_of_gnss
 from backend.link.events import (
     CommandResult,
@@ -13,12 +14,10 @@ from backend.link.events import (
     LinkStats,
     SampleEvent,
     StatusText,
-    TelemetryBattery,
     TelemetryGps,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
     TelemetryPosition,
-    TelemetrySpeed,
     TransferNews,
     VehicleAppeared,
     VehicleLost,
@@ -104,6 +103,7 @@ class Fleet:
         self._on_heard(vehicle)
 
     def _fold(self, vehicle: LiveVehicle, endpoint: str, event: LinkEvent) -> None:  # noqa: PLR0912  one case an event
+        vehicle.telemetry = told(vehicle.telemetry, event, event.t_us)
         match event:
             case SampleEvent(sample=sample):
                 vehicle.offer(sample)
@@ -114,16 +114,6 @@ class Fleet:
             case TelemetryHeartbeat():
                 vehicle.last_heartbeat_us = event.t_us
                 vehicle.autopilot, vehicle.vehicle_type = event.autopilot, event.vehicle_type
-                vehicle.telemetry = replace(
-                    vehicle.telemetry, vehicle_type=str(event.vehicle_type), armed=event.armed,
-                    flight_mode=event.mode, simulated=event.simulated,
-                )  # fmt: skip
-            case TelemetryBattery():
-                vehicle.telemetry = replace(
-                    vehicle.telemetry, battery_v=event.voltage_v, battery_pct=event.remaining_pct
-                )
-            case TelemetrySpeed():
-                vehicle.telemetry = replace(vehicle.telemetry, airspeed_m_s=event.airspeed_m_s)
             case TelemetryGps():
                 vehicle.take_gps(gps_reading(event))
                 fields = vehicle.gps_message()

@@ -13,7 +13,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from backend.fleet.vehicle import Telemetry
+from backend.fleet.telemetry import Telemetry
 from backend.link.events import Autopilot
 from estimator.types import Float, PadRelative
 from guidance.landing import LandingConfig, LandingGuidance, LandingPhase

@@ -16,6 +16,7 @@ from backend.link.events import (
     TelemetryHeartbeat,
     TelemetryPosition,
     TelemetrySpeed,
+    TelemetryWind,
 )
 from backend.link.samples import gnss_accuracy_m
 
@@ -25,6 +26,8 @@ GPS_RAW_INT = 24
 GLOBAL_POSITION_INT = 33
 VFR_HUD = 74
 BATTERY_STATUS = 147
+WIND = 168
+WIND_COV = 231
 STATUSTEXT = 253
 
 _FLAG_ARMED = 128
@@ -57,6 +60,7 @@ def _battery_from_sys_status(m: Any, t_us: int, system_id: int) -> TelemetryBatt
         system_id,
         None if m.voltage_battery in (0, _UINT16_UNKNOWN) else m.voltage_battery * 1e-3,
         m.battery_remaining,
+        m.current_battery,
     )
 
 
@@ -65,13 +69,18 @@ def _battery_from_battery_status(m: Any, t_us: int, system_id: int) -> Telemetry
         return None
     # Without cell voltages the total is in the first, and what exceeds 65.534 V in the next.
     cells_mv = [mv for mv in m.voltages if mv != _UINT16_UNKNOWN]
-    return _battery(t_us, system_id, sum(cells_mv) * 1e-3 if any(cells_mv) else None, m.battery_remaining)
+    return _battery(
+        t_us, system_id, sum(cells_mv) * 1e-3 if any(cells_mv) else None, m.battery_remaining, m.current_battery
+    )
 
 
-def _battery(t_us: int, system_id: int, voltage_v: float | None, remaining: int) -> TelemetryBattery | None:
+def _battery(
+    t_us: int, system_id: int, voltage_v: float | None, remaining: int, current_ca: int
+) -> TelemetryBattery | None:
     if voltage_v is None and remaining < 0:
         return None
-    return TelemetryBattery(t_us, system_id, voltage_v, float(remaining) if 0 <= remaining <= 100 else None)
+    remaining_pct = float(remaining) if 0 <= remaining <= 100 else None
+    return TelemetryBattery(t_us, system_id, voltage_v, remaining_pct, current_ca * 1e-2 if current_ca >= 0 else None)
 
 
 def _gps(m: Any, t_us: int, system_id: int) -> TelemetryGps:
@@ -110,12 +119,29 @@ def _speed(m: Any, t_us: int, system_id: int) -> TelemetrySpeed | None:
     return TelemetrySpeed(t_us, system_id, m.airspeed, m.groundspeed, float(m.throttle))
 
 
+def _wind(m: Any, t_us: int, system_id: int) -> TelemetryWind | None:
+    # ArduPilot's message: degrees the wind comes from, -180 to 180.
+    if not (math.isfinite(m.direction) and math.isfinite(m.speed)) or m.speed < 0:
+        return None
+    return TelemetryWind(t_us, system_id, m.speed, math.radians(m.direction) % math.tau)
+
+
+def _wind_cov(m: Any, t_us: int, system_id: int) -> TelemetryWind | None:
+    # PX4's message: the velocity of the air, north and east, so it comes from the other side.
+    if not (math.isfinite(m.wind_x) and math.isfinite(m.wind_y)):
+        return None
+    from_rad = math.atan2(-m.wind_y, -m.wind_x) % math.tau
+    return TelemetryWind(t_us, system_id, math.hypot(m.wind_x, m.wind_y), from_rad)
+
+
 TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
     SYS_STATUS: _battery_from_sys_status,
     GPS_RAW_INT: _gps,
     GLOBAL_POSITION_INT: _position,
     VFR_HUD: _speed,
     BATTERY_STATUS: _battery_from_battery_status,
+    WIND: _wind,
+    WIND_COV: _wind_cov,
 }
 
 

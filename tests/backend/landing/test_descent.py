@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from backend.fleet.vehicle import Telemetry
+from backend.fleet.telemetry import Telemetry
 from backend.landing.descent import (
     STALE_US,
     STAND_STD_M_S,
