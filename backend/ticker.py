@@ -60,7 +60,7 @@ class Ticker:
         for vehicle in station.fleet.vehicles.values():
             self._say_state(vehicle)
             if self._ticks % 5 == 0:
-                station.hub.publish("telemetry", **vehicle.telemetry_message())
+                station.hub.publish("telemetry", **vehicle.telemetry_message(unix_us()))
         station.guided.tick()
         station.landings.tick()
         station.homings.tick()

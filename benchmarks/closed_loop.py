@@ -18,7 +18,7 @@ import av
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from backend.fleet.vehicle import Telemetry
+from backend.fleet.telemetry import Telemetry
 from backend.link.events import LinkEvent, SampleEvent, TelemetryHeartbeat
 from backend.link.link import VehicleLink
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight

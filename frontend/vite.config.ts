@@ -14,5 +14,6 @@ export default defineConfig({
       '/openapi.json': { target: station },
     },
   },
-  test: { include: ['src/**/*.test.ts'], environment: 'node' },
+  // Without css the text of a stylesheet is empty for the tests that read it.
+  test: { include: ['src/**/*.test.ts'], environment: 'node', css: true },
 });

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from backend.fleet.telemetry import told
 from backend.fleet.vehicle import LiveVehicle, gps_reading, place_of_gnss
 from backend.link.events import (
     CommandResult,
@@ -13,13 +14,11 @@ from backend.link.events import (
     LinkStats,
     SampleEvent,
     StatusText,
-    TelemetryBattery,
     TelemetryGps,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
     TelemetryMission,
     TelemetryPosition,
-    TelemetrySpeed,
     TransferNews,
     VehicleAppeared,
     VehicleLost,
@@ -110,6 +109,7 @@ class Fleet:
         self._on_heard(vehicle)
 
     def _fold(self, vehicle: LiveVehicle, endpoint: str, event: LinkEvent) -> None:  # noqa: PLR0912  one case an event
+        vehicle.telemetry = told(vehicle.telemetry, event, event.t_us)
         match event:
             case SampleEvent(sample=sample):
                 vehicle.offer(sample)
@@ -120,16 +120,6 @@ class Fleet:
             case TelemetryHeartbeat():
                 vehicle.last_heartbeat_us = event.t_us
                 vehicle.autopilot, vehicle.vehicle_type = event.autopilot, event.vehicle_type
-                vehicle.telemetry = replace(
-                    vehicle.telemetry, vehicle_type=str(event.vehicle_type), armed=event.armed,
-                    flight_mode=event.mode, simulated=event.simulated,
-                )  # fmt: skip
-            case TelemetryBattery():
-                vehicle.telemetry = replace(
-                    vehicle.telemetry, battery_v=event.voltage_v, battery_pct=event.remaining_pct
-                )
-            case TelemetrySpeed():
-                vehicle.telemetry = replace(vehicle.telemetry, airspeed_m_s=event.airspeed_m_s)
             case TelemetryMission():
                 vehicle.telemetry = replace(vehicle.telemetry, mission_item=number_of(event.seq, vehicle.autopilot))
             case TelemetryGps():

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol
 from backend.event_loop import call_from_thread
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import state_fields
+from backend.fleet.telemetry import Telemetry, telemetry_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
 from backend.link.events import Autopilot, TelemetryGps, TelemetryLocalPosition, VehicleType
 from backend.navigation.setup import NavigationSetup, Place
@@ -20,20 +21,6 @@ from estimator.types import FixReport, FrameSample, GnssSample, HomeSample, Navi
 
 TrackSource = Literal["gps", "vision", "fused"]
 GPS_USED_FOR_US = 2_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Telemetry:
-    """What a vehicle says about itself; None where it has not said it."""
-
-    vehicle_type: str | None = None
-    simulated: bool = False
-    armed: bool = False
-    flight_mode: str | None = None
-    battery_pct: float | None = None
-    battery_v: float | None = None
-    airspeed_m_s: float | None = None
-    mission_item: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,15 +226,9 @@ class LiveVehicle:
             "used": used, "t_gps_unix_us": gps.t_us,
         }  # fmt: skip
 
-    def telemetry_message(self) -> dict[str, Any]:
-        """Fields of the ``telemetry`` message."""
-        said = self.telemetry
-        return {
-            "vehicle_id": self.id, "vehicle_type": said.vehicle_type, "simulated": said.simulated,
-            "armed": said.armed, "flight_mode": said.flight_mode, "battery_pct": said.battery_pct,
-            "battery_v": said.battery_v, "airspeed_m_s": said.airspeed_m_s,
-            "mission_item": said.mission_item,
-        }  # fmt: skip
+    def telemetry_message(self, now_us: int) -> dict[str, Any]:
+        """Fields of the ``telemetry`` message at a time of the station's clock."""
+        return {"vehicle_id": self.id, **telemetry_fields(self.telemetry, now_us)}
 
     def summary(self) -> dict[str, Any]:
         """What lists of vehicles show."""

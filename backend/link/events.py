@@ -107,6 +107,7 @@ class TelemetryBattery:
     system_id: int
     voltage_v: float | None
     remaining_pct: float | None
+    current_a: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +167,16 @@ class TelemetrySpeed:
     airspeed_m_s: float
     ground_speed_m_s: float
     throttle_pct: float
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryWind:
+    """The autopilot's own estimate of the wind for display; ``from_rad`` is where it comes from, from true north."""
+
+    t_us: int
+    system_id: int
+    speed_m_s: float
+    from_rad: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,6 +281,7 @@ LinkEvent = (
     | TelemetryPosition
     | TelemetryLocalPosition
     | TelemetrySpeed
+    | TelemetryWind
     | StatusText
     | TelemetryMission
     | CommandResult

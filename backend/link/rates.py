@@ -30,6 +30,8 @@ DEFAULT_RATES_HZ: Mapping[int, float] = {
     147: 0.5,  # BATTERY_STATUS
     242: 0.2,  # HOME_POSITION
     285: 10.0,  # GIMBAL_DEVICE_ATTITUDE_STATUS
+    168: 1.0,  # WIND, of ArduPilot
+    231: 1.0,  # WIND_COV, of PX4
 }
 # Stream ids of REQUEST_DATA_STREAM (raw sensors, extended status, position, extra 1, 2, 3) and their rates.
 _STREAM_RATES_HZ = {1: 25, 2: 2, 6: 5, 10: 25, 11: 4, 12: 2}

@@ -17,6 +17,7 @@ from backend.link.events import (
     TelemetryMission,
     TelemetryPosition,
     TelemetrySpeed,
+    TelemetryWind,
 )
 from backend.link.samples import gnss_accuracy_m
 
@@ -27,6 +28,8 @@ GLOBAL_POSITION_INT = 33
 MISSION_CURRENT = 42
 VFR_HUD = 74
 BATTERY_STATUS = 147
+WIND = 168
+WIND_COV = 231
 STATUSTEXT = 253
 
 _FLAG_ARMED = 128
@@ -59,6 +62,7 @@ def _battery_from_sys_status(m: Any, t_us: int, system_id: int) -> TelemetryBatt
         system_id,
         None if m.voltage_battery in (0, _UINT16_UNKNOWN) else m.voltage_battery * 1e-3,
         m.battery_remaining,
+        m.current_battery,
     )
 
 
@@ -67,13 +71,18 @@ def _battery_from_battery_status(m: Any, t_us: int, system_id: int) -> Telemetry
         return None
     # Without cell voltages the total is in the first, and what exceeds 65.534 V in the next.
     cells_mv = [mv for mv in m.voltages if mv != _UINT16_UNKNOWN]
-    return _battery(t_us, system_id, sum(cells_mv) * 1e-3 if any(cells_mv) else None, m.battery_remaining)
+    return _battery(
+        t_us, system_id, sum(cells_mv) * 1e-3 if any(cells_mv) else None, m.battery_remaining, m.current_battery
+    )
 
 
-def _battery(t_us: int, system_id: int, voltage_v: float | None, remaining: int) -> TelemetryBattery | None:
+def _battery(
+    t_us: int, system_id: int, voltage_v: float | None, remaining: int, current_ca: int
+) -> TelemetryBattery | None:
     if voltage_v is None and remaining < 0:
         return None
-    return TelemetryBattery(t_us, system_id, voltage_v, float(remaining) if 0 <= remaining <= 100 else None)
+    remaining_pct = float(remaining) if 0 <= remaining <= 100 else None
+    return TelemetryBattery(t_us, system_id, voltage_v, remaining_pct, current_ca * 1e-2 if current_ca >= 0 else None)
 
 
 def _gps(m: Any, t_us: int, system_id: int) -> TelemetryGps:
@@ -116,6 +125,21 @@ def _mission(m: Any, t_us: int, system_id: int) -> TelemetryMission:
     return TelemetryMission(t_us, system_id, m.seq)
 
 
+def _wind(m: Any, t_us: int, system_id: int) -> TelemetryWind | None:
+    # ArduPilot's message: degrees the wind comes from, -180 to 180.
+    if not (math.isfinite(m.direction) and math.isfinite(m.speed)) or m.speed < 0:
+        return None
+    return TelemetryWind(t_us, system_id, m.speed, math.radians(m.direction) % math.tau)
+
+
+def _wind_cov(m: Any, t_us: int, system_id: int) -> TelemetryWind | None:
+    # PX4's message: the velocity of the air, north and east, so it comes from the other side.
+    if not (math.isfinite(m.wind_x) and math.isfinite(m.wind_y)):
+        return None
+    from_rad = math.atan2(-m.wind_y, -m.wind_x) % math.tau
+    return TelemetryWind(t_us, system_id, math.hypot(m.wind_x, m.wind_y), from_rad)
+
+
 TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
     SYS_STATUS: _battery_from_sys_status,
     GPS_RAW_INT: _gps,
@@ -123,6 +147,8 @@ TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
     VFR_HUD: _speed,
     MISSION_CURRENT: _mission,
     BATTERY_STATUS: _battery_from_battery_status,
+    WIND: _wind,
+    WIND_COV: _wind_cov,
 }
 
 

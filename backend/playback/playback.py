@@ -12,6 +12,7 @@ from backend.clock import mono_us, unix_us
 from backend.errors import FrameGoneError, NoStateForFrameError
 from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import finite, state_fields
+from backend.fleet.telemetry import telemetry_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
 from backend.fleet.viewers import Audience
 from backend.hub import Hub
@@ -332,11 +333,7 @@ class Playback:
         if now_us - self._said_telemetry_us >= SAY_TELEMETRY_EVERY_US:
             self._said_telemetry_us = now_us
             said = self.recording.telemetry_at(self._t_us)
-            self._hub.publish(
-                "telemetry", vehicle_id=self.id, vehicle_type=said.vehicle_type, simulated=said.simulated,
-                armed=said.armed, flight_mode=said.flight_mode, battery_pct=said.battery_pct,
-                battery_v=said.battery_v, airspeed_m_s=said.airspeed_m_s,
-            )  # fmt: skip
+            self._hub.publish("telemetry", vehicle_id=self.id, **telemetry_fields(said, self._t_us))
             self._hub.publish("video", **self.video_message())
 
     async def _show_frames(self) -> None:

@@ -5,18 +5,12 @@ from __future__ import annotations
 import bisect
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from backend.fleet.vehicle import GpsReading, Telemetry, gps_reading
-from backend.link.events import (
-    SampleEvent,
-    TelemetryBattery,
-    TelemetryGps,
-    TelemetryHeartbeat,
-    TelemetrySpeed,
-)
+from backend.fleet.telemetry import Telemetry, told
+from backend.fleet.vehicle import GpsReading, gps_reading
+from backend.link.events import SampleEvent, TelemetryGps
 from backend.link.link import VehicleLink
 from backend.link.tlog import running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, profile_of_flight
@@ -121,16 +115,8 @@ class _Reader:
         for event in self._link.receive(data, t_us):
             if self._system_id is not None and event.system_id != self._system_id:
                 continue
+            self._say(t_us, told(self._now, event, t_us))
             match event:
-                case TelemetryHeartbeat():
-                    self._say(
-                        t_us, vehicle_type=str(event.vehicle_type), simulated=event.simulated, armed=event.armed,
-                        flight_mode=event.mode,
-                    )  # fmt: skip
-                case TelemetryBattery():
-                    self._say(t_us, battery_pct=event.remaining_pct, battery_v=event.voltage_v)
-                case TelemetrySpeed():
-                    self._say(t_us, airspeed_m_s=event.airspeed_m_s)
                 case TelemetryGps():
                     self.gps.append(gps_reading(event))
                 case SampleEvent(sample=CameraAttitudeSample() as report):
@@ -142,8 +128,10 @@ class _Reader:
                 case _:
                     pass
 
-    def _say(self, t_us: int, **changed: Any) -> None:
-        telemetry = self._now = replace(self._now, **changed)
+    def _say(self, t_us: int, telemetry: Telemetry) -> None:
+        if telemetry is self._now:
+            return
+        self._now = telemetry
         if self.telemetry and t_us - self.telemetry[-1].t_us < TELEMETRY_STEP_US:
             self.telemetry[-1] = TelemetryAt(self.telemetry[-1].t_us, telemetry)
         else:

@@ -43,13 +43,14 @@ describe('numbers', () => {
 describe('coordinates', () => {
   it('shows each format', () => {
     expect(formatCoordinate(at, 'dd')).toBe('58.410800, −15.621400');
+    expect(formatCoordinate(at, 'dm')).toBe('58°24.6480′N 015°37.2840′W');
     expect(formatCoordinate(at, 'dms')).toBe('58°24′38.9″N 015°37′17.0″W');
     expect(formatCoordinate({ lat_deg: 58.4108, lon_deg: 15.6214 }, 'mgrs')).toBe('33V WE 36308 74614');
     expect(formatCoordinate({ lat_deg: 58.4108, lon_deg: 15.6214 }, 'utm')).toBe('33V 536309 6474615');
     expect(formatCoordinate(null, 'dd')).toBe('–');
   });
 
-  it.each(['dd', 'dms', 'mgrs'] as const)('reads back what it shows as %s', (format) => {
+  it.each(['dd', 'dm', 'dms', 'mgrs', 'utm'] as const)('reads back what it shows as %s', (format) => {
     const read = parseCoordinate(formatCoordinate(at, format))!;
     expect(read.lat_deg).toBeCloseTo(at.lat_deg, 4);
     expect(read.lon_deg).toBeCloseTo(at.lon_deg, 4);
@@ -58,6 +59,15 @@ describe('coordinates', () => {
   it('spaces a grid reference', () => {
     expect(formatMgrs('33VWE3630874614')).toBe('33V WE 36308 74614');
     expect([formatMgrs('33VWE'), formatMgrs(null), formatMgrs('odd')]).toEqual(['33V WE', '–', 'odd']);
+  });
+
+  it('carries the minutes that round up to a degree', () => {
+    expect(formatCoordinate({ lat_deg: 9.9999999, lon_deg: -0.99999999 }, 'dm')).toBe('10°00.0000′N 001°00.0000′W');
+  });
+
+  it('refuses a UTM whose band contradicts its northing', () => {
+    expect(parseCoordinate('33V 536309 6474615')!.lat_deg).toBeCloseTo(58.4108, 5);
+    expect([parseCoordinate('33T 536309 6474615'), parseCoordinate('61V 536309 6474615')]).toEqual([null, null]);
   });
 
   it('reads usual spellings and refuses the rest', () => {

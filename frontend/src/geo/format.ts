@@ -1,13 +1,14 @@
 /** Numbers and coordinates in the words an operator reads. Pure; a missing or non-finite value is a dash. */
 
 import type { LatLon } from './earth';
-import { geodeticFromMgrs, mgrsFromGeodetic, utmFromGeodetic } from './utm';
+import { geodeticFromMgrs, mgrsFromGeodetic, parseUtm, utmFromGeodetic } from './utm';
 
 export type Quantity = number | null | undefined;
-export type CoordinateFormat = 'dd' | 'dms' | 'mgrs' | 'utm';
+export type CoordinateFormat = 'dd' | 'dm' | 'dms' | 'mgrs' | 'utm';
 
 export const COORDINATE_FORMATS: Record<CoordinateFormat, string> = {
   dd: 'Decimal degrees',
+  dm: 'Degrees, minutes',
   dms: 'Degrees, minutes, seconds',
   mgrs: 'MGRS',
   utm: 'UTM',
@@ -80,6 +81,12 @@ export function formatUtcDate(t_unix_us: Quantity): string {
   return `${iso.slice(0, 10)} ${iso.slice(11, 16)}Z`;
 }
 
+function degreesMinutes(value: number, width: number, positive: string, negative: string): string {
+  const steps = Math.round(Math.abs(value) * 600_000);
+  const min = (steps % 600_000) / 10_000;
+  return `${String(Math.floor(steps / 600_000)).padStart(width, '0')}°${min.toFixed(4).padStart(7, '0')}′${value < 0 ? negative : positive}`;
+}
+
 function sexagesimal(value: number, width: number, positive: string, negative: string): string {
   const tenths = Math.round(Math.abs(value) * 36_000);
   const deg = Math.floor(tenths / 36_000);
@@ -96,6 +103,8 @@ export function formatCoordinate(at: LatLon | null, format: CoordinateFormat): s
   switch (format) {
     case 'dd':
       return `${formatNumber(at.lat_deg, 6)}, ${formatNumber(at.lon_deg, 6)}`;
+    case 'dm':
+      return `${degreesMinutes(at.lat_deg, 2, 'N', 'S')} ${degreesMinutes(at.lon_deg, 3, 'E', 'W')}`;
     case 'dms':
       return `${sexagesimal(at.lat_deg, 2, 'N', 'S')} ${sexagesimal(at.lon_deg, 3, 'E', 'W')}`;
     case 'mgrs':
@@ -116,10 +125,10 @@ export function formatMgrs(mgrs: string | null | undefined): string {
   return [zone, square, digits.slice(0, half), digits.slice(half)].filter(Boolean).join(' ');
 }
 
-/** Reads "58.41, 15.62", "58.41N 15.62E", degrees-minutes-seconds, or MGRS. Null when it is none of them. */
+/** Reads "58.41, 15.62", "58.41N 15.62E", degrees and minutes, with or without seconds, UTM, or MGRS. Null when it is none of them. */
 export function parseCoordinate(text: string): LatLon | null {
   const trimmed = text.trim().replaceAll('−', '-');
-  const grid = geodeticFromMgrs(trimmed);
+  const grid = geodeticFromMgrs(trimmed) ?? parseUtm(trimmed);
   if (grid) return grid;
   const angle = String.raw`([+-]?\d+(?:\.\d+)?)\s*°?\s*(?:(\d+(?:\.\d+)?)\s*['′]\s*)?(?:(\d+(?:\.\d+)?)\s*["″]\s*)?`;
   const match = new RegExp(`^${angle}([NS])?\\s*[,;\\s]\\s*${angle}([EW])?$`, 'i').exec(trimmed);

@@ -1,4 +1,5 @@
 import { describe, expect, it } from 'vitest';
+import stored from '../../../tests/authorities/grid_mgrs.json?raw';
 import { distanceM } from './earth';
 import { geodeticFromMgrs, geodeticFromUtm, mgrsFromGeodetic, utmFromGeodetic, utmZone } from './utm';
 
@@ -51,5 +52,28 @@ describe('mgrs', () => {
   it('has no answer at the poles or for nonsense', () => {
     expect(utmZone({ lat_deg: 86, lon_deg: 0 })).toBeNull();
     expect(mgrsFromGeodetic({ lat_deg: NaN, lon_deg: 0 })).toBeNull();
+  });
+});
+
+interface GridPlace {
+  lat_deg: number;
+  lon_deg: number;
+  mgrs: string;
+  mgrs_100_m: string;
+}
+
+const GRID = JSON.parse(stored) as { places: GridPlace[] };
+
+describe('grid references all over the world', () => {
+  it('are those of GeoTrans', () => {
+    expect(GRID.places.length).toBeGreaterThan(200);
+    // GeoTrans writes zones below ten with a zero in front.
+    const own = (at: GridPlace, digits: number) => mgrsFromGeodetic(at, digits)?.replaceAll(' ', '').padStart(5 + 2 * digits, '0');
+    expect(GRID.places.map((at) => own(at, 5))).toEqual(GRID.places.map((at) => at.mgrs));
+    expect(GRID.places.map((at) => own(at, 3))).toEqual(GRID.places.map((at) => at.mgrs_100_m));
+  });
+
+  it('are read back to within their cell', () => {
+    for (const at of GRID.places) expect(distanceM(at, geodeticFromMgrs(at.mgrs)!)).toBeLessThan(0.75);
   });
 });

@@ -114,3 +114,15 @@ export function geodeticFromMgrs(text: string): LatLon | null {
   }
   return null;
 }
+
+/** Reads "33V 536309 6474615". Null when it is none, or lies outside its zone and band. */
+export function parseUtm(text: string): LatLon | null {
+  const match = /^(\d{1,2})([C-HJ-NP-X])\s+(\d{6}(?:\.\d+)?)\s*(?:M?E)?\s*,?\s+(\d{1,8}(?:\.\d+)?)\s*(?:M?N)?$/.exec(text.trim().toUpperCase());
+  if (!match) return null;
+  const zone = Number(match[1]);
+  if (zone < 1 || zone > 60) return null;
+  const at = geodeticFromUtm({ zone, band: match[2]!, easting_m: Number(match[3]), northing_m: Number(match[4]) });
+  // A band that does not fit the northing is a slip of the pen; half a degree beyond its edge is not.
+  const first_deg = BANDS.indexOf(match[2]!) * 8 - 80;
+  return at.lat_deg > first_deg - 0.5 && at.lat_deg < first_deg + (match[2] === 'X' ? 12.5 : 8.5) ? at : null;
+}

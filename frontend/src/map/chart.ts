@@ -14,6 +14,7 @@ import type { StyleLike } from 'ol/style/Style';
 import View from 'ol/View';
 import type { MapSummary } from '../api/types';
 import type { LatLon } from '../geo/earth';
+import type { LengthUnit } from '../geo/units';
 import { latLon, position, type Collection } from '../geo/geojson';
 import { DrapeLayer, type Draped } from './drapeLayer';
 import {
@@ -45,6 +46,11 @@ export const OVERLAYS = [
   'vehicles',
 ] as const;
 export type Overlay = (typeof OVERLAYS)[number];
+
+/** The page says so on its root, from its settings and from the system's. */
+function motionReduced(): boolean {
+  return document.documentElement.dataset['motion'] === 'reduced';
+}
 
 const STYLES: Record<Overlay, StyleLike> = {
   footprint: FOOTPRINT,
@@ -80,6 +86,7 @@ export class Chart {
   private readonly layers = new Map<Overlay, VectorLayer>();
   private readonly imagery = new Map<string, TileLayer>();
   private matchability: TileLayer | null = null;
+  private readonly scale = new ScaleLine({ units: 'metric', minWidth: 90 });
   private readonly drape = new DrapeLayer();
   private readonly dragging: PointerInteraction;
   private readonly element: HTMLElement;
@@ -105,9 +112,7 @@ export class Chart {
     this.map = new OlMap({
       target: element,
       layers: [this.drape.layer, ...overlays],
-      controls: defaultControls({ attribution: false, rotate: true }).extend([
-        new ScaleLine({ units: 'metric', minWidth: 90 }),
-      ]),
+      controls: defaultControls({ attribution: false, rotate: true }).extend([this.scale]),
       interactions: defaultInteractions({ altShiftDragRotate: true }),
       view: new View({ center: [0, 0], zoom: 2, maxZoom: 23, minZoom: 1, constrainResolution: false }),
     });
@@ -240,13 +245,17 @@ export class Chart {
     this.map.getView().fit(extent, { padding: [20, 20, 20, 20], size: this.map.getSize() ?? [800, 600] });
   }
 
+  measureIn(length: LengthUnit): void {
+    this.scale.setUnits(length === 'ft' ? 'us' : 'metric');
+  }
+
   /** Moves at once when following, smoothly when asked for by hand. */
   centre(at: LatLon, smooth: boolean, close = false): void {
     const view = this.map.getView();
     const center = fromLonLat(position(at));
     const far = (view.getZoom() ?? 0) < (close ? CLOSE_ZOOM : 12);
     const zoom = far ? CLOSE_ZOOM : undefined;
-    if (smooth) view.animate(zoom === undefined ? { center, duration: 250 } : { center, zoom, duration: 250 });
+    if (smooth && !motionReduced()) view.animate(zoom === undefined ? { center, duration: 250 } : { center, zoom, duration: 250 });
     else {
       view.setCenter(center);
       if (zoom !== undefined) view.setZoom(zoom);
@@ -255,6 +264,6 @@ export class Chart {
 
   zoomBy(steps: number): void {
     const view = this.map.getView();
-    view.animate({ zoom: (view.getZoom() ?? 0) + steps, duration: 150 });
+    view.animate({ zoom: (view.getZoom() ?? 0) + steps, duration: motionReduced() ? 0 : 150 });
   }
 }

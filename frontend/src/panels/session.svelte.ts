@@ -4,6 +4,7 @@ import type { StationApi } from '../api/client';
 import { ApiError } from '../api/client';
 import type { Matchability, StationMessage, Target, Way } from '../api/types';
 import type { CoordinateFormat } from '../geo/format';
+import type { Units } from '../geo/units';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
 import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
@@ -15,6 +16,7 @@ import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
 import { Fly } from './fly.svelte';
 import { MatchOverlay } from './overlay.svelte';
+import { Preferences } from './preferences.svelte';
 
 export type Tab = 'targets' | 'fly' | 'landing' | 'alarms' | 'flights' | 'maps';
 
@@ -25,29 +27,8 @@ export interface Notice {
   action?: { label: string; run: () => void } | undefined;
 }
 
-interface Preferences {
-  format: CoordinateFormat;
-  layers: Record<LayerName, boolean>;
-}
-
-export type LayerName = 'imagery' | 'gps' | 'vision' | 'ellipse' | 'footprint' | 'targets';
-
-const DEFAULTS: Preferences = {
-  format: 'dd',
-  layers: { imagery: true, gps: true, vision: true, ellipse: true, footprint: true, targets: true },
-};
-const STORED_AS = 'pilotage.preferences';
 const NOTICE_MS = { info: 3500, error: 12_000 };
 const UNDO_MS = 8000;
-
-function storedPreferences(): Preferences {
-  try {
-    const stored = JSON.parse(localStorage.getItem(STORED_AS) ?? '{}') as Partial<Preferences>;
-    return { ...DEFAULTS, ...stored, layers: { ...DEFAULTS.layers, ...stored.layers } };
-  } catch {
-    return DEFAULTS;
-  }
-}
 
 /** Resolves once the page had a chance to draw, and even in a hidden tab, where no frames come. */
 function drawn(): Promise<void> {
@@ -66,10 +47,9 @@ export class Session {
   selectedVehicle = $state<string | null>(null);
   selectedTarget = $state<string | null>(null);
   tab = $state<Tab>('targets');
+  /** What lies over the page. */
+  dialog = $state<'settings' | null>(null);
   follow = $state(true);
-  videoLarge = $state(false);
-  format = $state<CoordinateFormat>(DEFAULTS.format);
-  layers = $state<Record<LayerName, boolean>>({ ...DEFAULTS.layers });
   notices = $state.raw<Notice[]>([]);
   /** Goes up with every change of a track. */
   tracksRevision = $state(0);
@@ -95,6 +75,7 @@ export class Session {
     BROWSER_TIMERS,
   );
 
+  readonly preferences = new Preferences();
   readonly tracks = new TrackBook();
   readonly sightings = new SightingBook();
   readonly padOutlines = new PadOutlines();
@@ -128,9 +109,16 @@ export class Session {
     this.aim = new Aim(api);
     this.overlay = new MatchOverlay(api);
     this.fly = new Fly(api);
-    const stored = storedPreferences();
-    this.format = stored.format;
-    this.layers = stored.layers;
+    const { faults } = this.preferences;
+    if (faults.length > 0) this.say('error', `Kept settings: ${faults.join(', ')}. The defaults are used instead.`);
+  }
+
+  get units(): Units {
+    return this.preferences.units;
+  }
+
+  get format(): CoordinateFormat {
+    return this.preferences.settings.format;
   }
 
   open(): void {
@@ -354,14 +342,6 @@ export class Session {
     if (centre && target) {
       this.follow = false;
       this.goto = { lat_deg: target.properties.lat_deg, lon_deg: target.properties.lon_deg };
-    }
-  }
-
-  savePreferences(): void {
-    try {
-      localStorage.setItem(STORED_AS, JSON.stringify({ format: this.format, layers: this.layers }));
-    } catch {
-      // A browser without storage forgets, and that is all.
     }
   }
 }

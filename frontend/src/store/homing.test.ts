@@ -1,5 +1,6 @@
 import { expect, test } from 'vitest';
 import type { Homing, Way } from '../api/types';
+import { AVIATION, METRIC } from '../geo/units';
 import { homingWords, wayFeatures, wayWords } from './homing';
 
 const WAY: Way = {
@@ -37,9 +38,9 @@ test('what waits or stands is watched, what has ended short of home is bad', () 
 });
 
 test('a way is told by how far, how long and how high it is', () => {
-  expect(wayWords(WAY)).toBe('1.3 km, about 4 min, at 200 m above sea level: 110 m above the highest ground.');
-  expect(wayWords({ ...WAY, length_m: 620, seconds: 80, ground_amsl_m: null })).toBe(
-    '620 m, about 80 s, at 200 m above sea level: the ground below is not known.',
+  expect(wayWords(WAY, METRIC)).toBe('1260 m, about 4 min, at 200 m above sea level: 110 m above the highest ground.');
+  expect(wayWords({ ...WAY, length_m: 620, seconds: 80, ground_amsl_m: null }, AVIATION)).toBe(
+    '2034 ft, about 80 s, at 656 ft above sea level: the ground below is not known.',
   );
 });
 

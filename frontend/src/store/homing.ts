@@ -2,7 +2,8 @@
 
 import type { Homing, Way } from '../api/types';
 import { collection, latLon, line, type Collection } from '../geo/geojson';
-import { formatNumber, withUnit } from '../geo/format';
+import { formatNumber } from '../geo/format';
+import { formatLength, type Units } from '../geo/units';
 import { sentence } from './landing';
 import type { Words } from './words';
 
@@ -28,22 +29,18 @@ export function homingWords(homing: Homing | null): Words | null {
 }
 
 /** A way in one line: how far, how long, how high. */
-export function wayWords(way: Way): string {
+export function wayWords(way: Way, units: Units): string {
   const high =
     way.ground_amsl_m === null
       ? 'the ground below is not known'
-      : `${withUnit(way.alt_amsl_m - way.ground_amsl_m, 'm')} above the highest ground`;
-  return `${distance(way.length_m)}, about ${minutes(way.seconds)}, at ${withUnit(way.alt_amsl_m, 'm')} above sea level: ${high}.`;
+      : `${formatLength(way.alt_amsl_m - way.ground_amsl_m, units)} above the highest ground`;
+  return `${formatLength(way.length_m, units)}, about ${minutes(way.seconds)}, at ${formatLength(way.alt_amsl_m, units)} above sea level: ${high}.`;
 }
 
 /** The way on the map. */
 export function wayFeatures(way: Way | null): Collection {
   if (!way) return collection([]);
   return collection([line(way.geometry.coordinates.map(latLon), { kind: 'way' })]);
-}
-
-function distance(metres: number): string {
-  return metres < 1000 ? withUnit(metres, 'm') : `${formatNumber(metres / 1000, 1)} km`;
 }
 
 function minutes(seconds: number): string {

@@ -1,7 +1,8 @@
 /** What is said and drawn of a landing. Pure. */
 
 import type { FrameHeader, Landing, LandingMessage, PadSeen } from '../api/types';
-import { formatAge, formatNumber, withUnit } from '../geo/format';
+import { formatAge, formatNumber } from '../geo/format';
+import { formatLength, METRIC, type Units } from '../geo/units';
 import type { Words } from './words';
 
 /** The pad's outlines in the pixels of a shown picture. */
@@ -99,15 +100,15 @@ export function aidingWords(landing: Landing | null): Words {
 }
 
 /** "0.42 m ahead, 0.10 m left": where to move, as the vehicle heads. */
-export function moveWords({ ahead_m, right_m }: Pick<Landing, 'ahead_m' | 'right_m'>): string {
+export function moveWords({ ahead_m, right_m }: Pick<Landing, 'ahead_m' | 'right_m'>, units: Units = METRIC): string {
   if (ahead_m === null || right_m === null) return '–';
-  const along = `${withUnit(Math.abs(ahead_m), 'm', 2)} ${ahead_m < 0 ? 'back' : 'ahead'}`;
-  return `${along}, ${withUnit(Math.abs(right_m), 'm', 2)} ${right_m < 0 ? 'left' : 'right'}`;
+  const along = `${formatLength(Math.abs(ahead_m), units, 2)} ${ahead_m < 0 ? 'back' : 'ahead'}`;
+  return `${along}, ${formatLength(Math.abs(right_m), units, 2)} ${right_m < 0 ? 'left' : 'right'}`;
 }
 
 /** Where the two parts of `moveWords` are wanted one by one. */
-export function moveParts(landing: Pick<Landing, 'ahead_m' | 'right_m'>): string[] {
-  return moveWords(landing).split(', ');
+export function moveParts(landing: Pick<Landing, 'ahead_m' | 'right_m'>, units: Units = METRIC): string[] {
+  return moveWords(landing, units).split(', ');
 }
 
 export interface TapeMark {

@@ -1,7 +1,8 @@
 /** The list of targets as the operator wants it: sorted, filtered, in words. Pure. */
 
 import type { Target, TargetProperties } from '../api/types';
-import { formatCoordinate, formatMgrs, formatNumber, type CoordinateFormat } from '../geo/format';
+import { formatCoordinate, formatMgrs, type CoordinateFormat } from '../geo/format';
+import { formatLength, METRIC, type Units } from '../geo/units';
 import { methodWords } from './words';
 
 export const SORTS = { age: 'Age', name: 'Name', ce90: 'CE90', method: 'Method' } as const;
@@ -63,6 +64,8 @@ export function copyText(p: Pick<TargetProperties, 'lat_deg' | 'lon_deg' | 'mgrs
   switch (format) {
     case 'dd':
       return `${p.lat_deg.toFixed(7)}, ${p.lon_deg.toFixed(7)}`;
+    case 'dm':
+      return formatCoordinate(p, 'dm');
     case 'dms':
       return p.dms;
     case 'mgrs':
@@ -73,9 +76,9 @@ export function copyText(p: Pick<TargetProperties, 'lat_deg' | 'lon_deg' | 'mgrs
 }
 
 /** At which height above what a target was located; empty where that goes without saying. */
-export function heightWords(p: Pick<TargetProperties, 'height_above_ground_m' | 'ground'>): string {
+export function heightWords(p: Pick<TargetProperties, 'height_above_ground_m' | 'ground'>, units: Units = METRIC): string {
   const height = p.height_above_ground_m ?? 0;
   if (height === 0) return p.ground === 'flat' ? 'flat ground' : '';
   const side = height < 0 ? 'below' : 'above';
-  return `${formatNumber(Math.abs(height), 1)} m ${side} ${p.ground === 'flat' ? 'flat ground' : 'the terrain'}`;
+  return `${formatLength(Math.abs(height), units, 1)} ${side} ${p.ground === 'flat' ? 'flat ground' : 'the terrain'}`;
 }

@@ -2,6 +2,7 @@
 
 import type { Mode, StateMessage, TargetTrack } from '../api/types';
 import { formatAge, formatNumber, withUnit } from '../geo/format';
+import { formatSpeed, METRIC, type Units } from '../geo/units';
 import type { ConnectionStatus } from '../source/source';
 import { isReplay, type Vehicle } from './mission';
 
@@ -203,11 +204,11 @@ export function methodWords(method: string): string {
 }
 
 /** What following says of a target, in a few words. */
-export function trackWords(track: TargetTrack): string {
+export function trackWords(track: TargetTrack, units: Units = METRIC): string {
   if (track.status === 'stopped') return track.reason ? `not followed: ${track.reason}` : 'not followed';
   if (track.status === 'lost') return `lost: ${track.reason ?? 'not seen'}`;
   if (track.speed_m_s !== null && track.course_deg !== null) {
-    return `moving ${formatNumber(track.speed_m_s, 1)} m/s, ${formatNumber(track.course_deg)}°`;
+    return `moving ${formatSpeed(track.speed_m_s, units, 1)}, ${formatNumber(track.course_deg)}°`;
   }
   return track.moving === false ? 'standing' : 'seen';
 }

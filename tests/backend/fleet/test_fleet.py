@@ -63,9 +63,10 @@ def test_telemetry_is_a_fold_of_what_was_said() -> None:
     heard.fleet.take(A, heartbeat(2, "AUTO"))
     heard.fleet.take(A, TelemetryBattery(3, 7, 22.1, 80.0))
 
-    message = heard.vehicle.telemetry_message()
+    message = heard.vehicle.telemetry_message(500_003)
     assert (message["armed"], message["flight_mode"], message["simulated"]) == (True, "AUTO", True)
-    assert (message["battery_v"], message["battery_pct"]) == (22.1, 80.0)
+    assert (message["battery_v"], message["battery_pct"], message["battery_age_s"]) == (22.1, 80.0, 0.5)
+    assert (message["airspeed_m_s"], message["airspeed_age_s"]) == (None, None)
 
 
 @pytest.mark.parametrize(("autopilot", "numbers"), [(Autopilot.ARDUPILOT, [None, 1, 7]), (Autopilot.PX4, [1, 2, 8])])

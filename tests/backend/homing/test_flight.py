@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from backend.fleet.vehicle import Telemetry
+from backend.fleet.telemetry import Telemetry
 from backend.guided.flight import STREAM_FIRST_US, TAKEN_WITHIN_US, Moving, Order, Orders
 from backend.homing.flight import PAD_FOLLOWED_US, HomeFlight, WhenLost, estimate_of
 from backend.link.events import Autopilot

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from backend.fleet.vehicle import Telemetry
+from backend.fleet.telemetry import Telemetry
 from backend.guided.flight import STALE_US, STAND_STD_M_S, STREAM_FIRST_US, TAKEN_WITHIN_US, Moving, Order, Orders
 from backend.landing.descent import Descent
 from backend.link.events import Autopilot

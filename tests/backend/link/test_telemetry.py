@@ -12,6 +12,7 @@ from backend.link.events import (
     TelemetryBattery,
     TelemetryGps,
     TelemetryPosition,
+    TelemetryWind,
     VehicleType,
 )
 
@@ -41,8 +42,8 @@ def test_battery_of_sys_status() -> None:
     def status(millivolt: int, percent: int) -> Any:
         return _shown(dialect.MAVLink_sys_status_message(0, 0, 0, 0, millivolt, 0, percent, 0, 0, 0, 0, 0, 0))
 
-    assert status(11_800, 64) == TelemetryBattery(T_US, 1, 11.8, 64.0)
-    assert status(11_800, -1) == TelemetryBattery(T_US, 1, 11.8, None)
+    assert status(11_800, 64) == TelemetryBattery(T_US, 1, 11.8, 64.0, 0.0)
+    assert status(11_800, -1) == TelemetryBattery(T_US, 1, 11.8, None, 0.0)
     assert status(65_535, -1) is None
 
 
@@ -52,6 +53,25 @@ def test_battery_status_adds_up_its_cells() -> None:
 
     assert_allclose(event.voltage_v, 11.9)
     assert _shown(dialect.MAVLink_battery_status_message(1, 0, 1, 2500, cells, 0, 0, 0, 50)) is None
+
+
+def test_current_of_the_battery() -> None:
+    def status(current_ca: int) -> Any:
+        return _shown(dialect.MAVLink_sys_status_message(0, 0, 0, 0, 11_800, current_ca, 64, 0, 0, 0, 0, 0, 0))
+
+    assert (status(1_234).current_a, status(-1).current_a) == (12.34, None)
+
+
+def test_wind_is_where_it_comes_from_in_both_messages() -> None:
+    # A westerly of 5 m/s: ArduPilot says where it comes from, PX4 where the air goes.
+    of_ardupilot = _shown(dialect.MAVLink_wind_message(-90.0, 5.0, 0.3))
+    of_px4 = _shown(dialect.MAVLink_wind_cov_message(0, 0.0, 5.0, 0.0, 1.0, 1.0, 100.0, 1.0, 1.0))
+
+    assert isinstance(of_ardupilot, TelemetryWind)
+    for wind in (of_ardupilot, of_px4):
+        assert_allclose([wind.speed_m_s, math.degrees(wind.from_rad)], [5.0, 270.0])
+    assert _shown(dialect.MAVLink_wind_message(math.nan, 5.0, 0.0)) is None
+    assert _shown(dialect.MAVLink_wind_cov_message(0, math.nan, 5.0, 0.0, 1.0, 1.0, 100.0, 1.0, 1.0)) is None
 
 
 def test_gps_with_and_without_a_fix() -> None:
