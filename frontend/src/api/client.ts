@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type { Flight, Footprint, History, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -79,6 +79,8 @@ export interface StationApi {
   denyGps(vehicle_id: string, gps_denied: boolean): Promise<void>;
   injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string>;
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection>;
+  /** The last hour of a vehicle after a time, thinned to one state in `step_us`; all of a replayed flight. */
+  history(vehicle_id: string, since_us: number, step_us: number): Promise<History>;
   flights(): Promise<Flight[]>;
   deleteFlight(flight_id: string): Promise<void>;
   record(active: boolean, name?: string): Promise<void>;
@@ -219,6 +221,11 @@ export class RestApi implements StationApi {
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection> {
     const params = { path: { vehicle_id }, query: { source } };
     return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/tracks', { params }));
+  }
+
+  history(vehicle_id: string, since_us: number, step_us: number): Promise<History> {
+    const params = { path: { vehicle_id }, query: { since_us, step_us } };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/history', { params }));
   }
 
   flights(): Promise<Flight[]> {

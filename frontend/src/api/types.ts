@@ -41,6 +41,8 @@ export type Flight = Schemas['FlightBody'];
 export type Pad = Schemas['PadBody'];
 export type Landing = Schemas['LandingBody'];
 export type PadSeen = Schemas['SeenBody'];
+export type History = Schemas['HistoryBody'];
+export type HistoryEvent = Schemas['HistoryEvent'];
 export type TrackCollection = Schemas['TrackCollection'];
 
 export interface Alarm {
@@ -166,6 +168,8 @@ export interface FixMessage extends Envelope {
   type: 'fix';
   vehicle_id: string;
   frame_id: Maybe<number>;
+  /** When its picture was taken. */
+  t_fix_unix_us?: number;
   kind: string;
   accepted: boolean;
   reason: Maybe<string>;

@@ -10,6 +10,8 @@ import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } 
 import { PadOutlines } from '../store/landing';
 import { SightingBook } from '../store/sightings';
 import { TrackBook } from '../store/tracks';
+import { EventBook } from '../store/events';
+import { SeriesBook } from '../store/series';
 import { Deletions } from '../store/deletions';
 import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
@@ -38,6 +40,7 @@ const DEFAULTS: Preferences = {
 const STORED_AS = 'pilotage.preferences';
 const NOTICE_MS = { info: 3500, error: 12_000 };
 const UNDO_MS = 8000;
+const REMEMBERED_STEP_US = 500_000;
 
 function storedPreferences(): Preferences {
   try {
@@ -94,6 +97,10 @@ export class Session {
 
   readonly tracks = new TrackBook();
   readonly sightings = new SightingBook();
+  readonly series = new SeriesBook();
+  readonly events = new EventBook();
+  /** Goes up when the station's memory of a vehicle has come. */
+  seriesRevision = $state(0);
   readonly padOutlines = new PadOutlines();
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
@@ -101,6 +108,8 @@ export class Session {
   private clock: ReturnType<typeof setInterval> | null = null;
   private readonly histories = new Map<string, StateHistory>();
   private readonly primed = new Set<string>();
+  /** Replays whose whole flight is known: a seek changes nothing of it. */
+  private readonly flightsKnown = new Set<string>();
   private noticeCount = 0;
   private awaited: string | null = null;
   private feed: Feed | null = null;
@@ -154,6 +163,8 @@ export class Session {
     for (const message of batch) {
       mission = reduce(mission, message);
       const cleared = this.tracks.apply(message);
+      this.series.apply(message);
+      this.events.apply(message);
       // After a seek the station knows the trail up to there.
       if (cleared !== null) this.primed.delete(cleared);
       if (message.type === 'state') {
@@ -162,12 +173,18 @@ export class Session {
         moved = true;
       }
       if (message.type === 'gps') moved = true;
+      // Its estimate has just been read or computed.
+      if (message.type === 'replay' && message.progress == null && this.primed.has(message.vehicle_id) && !this.flightsKnown.has(message.vehicle_id)) {
+        this.flightsKnown.add(message.vehicle_id);
+        void this.primeSeries(message.vehicle_id);
+      }
       sighted = this.sightings.apply(message) || sighted;
       if (message.type === 'landing') sighted = this.padOutlines.take(message) || sighted;
       if (message.type === 'hello') {
         moved = true;
         // After an interruption the station knows more of the track than this page.
         this.primed.clear();
+        this.flightsKnown.clear();
         for (const target of message.targets.features) if (target.properties.track) this.primeTarget(target.id);
       }
       if (message.type === 'fix' && message.kind === 'operator') {
@@ -224,6 +241,7 @@ export class Session {
     // The video may be there first, and the station knows no vehicle yet.
     if (this.primed.has(vehicle_id) || !(summary ?? telemetry ?? state)) return;
     this.primed.add(vehicle_id);
+    if (!this.flightsKnown.has(vehicle_id)) void this.primeSeries(vehicle_id);
     for (const source of ['gps', 'vision'] as const) {
       this.api
         .track(vehicle_id, source)
@@ -233,6 +251,20 @@ export class Session {
         })
         // Without the station's memory the trail simply starts now.
         .catch(() => undefined);
+    }
+  }
+
+  /** The hour before this page, or the whole of a replayed flight. */
+  async primeSeries(vehicle_id: string): Promise<void> {
+    try {
+      const history = await this.api.history(vehicle_id, 0, REMEMBERED_STEP_US);
+      this.series.prime(vehicle_id, history);
+      const estimating = this.mission.vehicles[vehicle_id]?.replay?.progress;
+      if (isReplay(vehicle_id) && estimating == null) this.flightsKnown.add(vehicle_id);
+      this.events.prime(history.events);
+      this.seriesRevision += 1;
+    } catch {
+      // Without the station's memory the curves simply start now.
     }
   }
 

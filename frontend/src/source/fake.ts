@@ -197,6 +197,7 @@ class FakeStation implements Source {
       return Promise.resolve('1');
     },
     track: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
+    history: () => Promise.reject(new Error('the fake station remembers nothing')),
     flights: () => Promise.resolve([]),
     deleteFlight: () => Promise.resolve(),
     record: () => Promise.resolve(),
