@@ -15,6 +15,7 @@ import { SeriesBook } from '../store/series';
 import { Deletions } from '../store/deletions';
 import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
+import { TimeCursor } from './time.svelte';
 import { MatchOverlay } from './overlay.svelte';
 
 export type Tab = 'targets' | 'landing' | 'alarms' | 'flights' | 'maps';
@@ -123,6 +124,25 @@ export class Session {
   );
   activeAlarms = $derived(this.mission.alarms.filter((alarm) => alarm.active));
 
+  /** The vehicle as it was at the time that is looked at. */
+  shownVehicle = $derived.by<Vehicle | null>(() => {
+    const { vehicle } = this;
+    const t_us = this.time.at_us;
+    void this.seriesRevision;
+    if (!vehicle || t_us === null) return vehicle;
+    const series = this.series.of(vehicle.id);
+    const state = this.historyOf(vehicle.id).at(t_us) ?? series.stateAt(vehicle.id, t_us);
+    return { ...vehicle, state, gps: series.gpsAt(vehicle.id, t_us) };
+  });
+
+  readonly time = new TimeCursor(() => this.timeSource(), {
+    seek: (id, t_us) => this.api.changeReplay(id, { seek_unix_us: t_us, paused: true }),
+    pause: async (id, paused) => {
+      const { replay } = this.mission.vehicles[id] ?? {};
+      const again = replay?.ended && !paused ? { seek_unix_us: replay.start_unix_us } : {};
+      await this.attempt('Replay', () => this.api.changeReplay(id, { paused, ...again }));
+    },
+  });
   readonly aim: Aim;
   readonly overlay: MatchOverlay;
 
@@ -218,6 +238,7 @@ export class Session {
   }
 
   select(vehicle_id: string | null): void {
+    if (vehicle_id !== this.selectedVehicle) this.time.reset();
     this.selectedVehicle = vehicle_id;
     this.follow = true;
     this.aim.clear();
@@ -282,6 +303,15 @@ export class Session {
   heard_s(vehicle_id: string): number | null {
     const at = this.heard_ms.get(vehicle_id);
     return at === undefined ? null : Math.max(0, this.now_ms - at) / 1000;
+  }
+
+  private timeSource() {
+    const vehicle_id = this.selectedVehicle;
+    // Typed arrays tell nobody that they grow.
+    void this.tracksRevision;
+    void this.seriesRevision;
+    const series = vehicle_id === null ? null : this.series.of(vehicle_id);
+    return { vehicle_id, first_us: series?.first_us ?? null, last_us: series?.last_us ?? null, replay: this.vehicle?.replay ?? null };
   }
 
   historyOf(vehicle_id: string): StateHistory {

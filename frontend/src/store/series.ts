@@ -6,7 +6,7 @@
  */
 
 import type { FixMessage, GpsMessage, History, Mode, StateMessage, StationMessage } from '../api/types';
-import { offsetBetween } from '../geo/earth';
+import { offsetBetween, offsetBy } from '../geo/earth';
 import { Columns, type Row } from './columns';
 import { stateTime_us } from './history';
 
@@ -201,6 +201,18 @@ export class VehicleSeries {
       ground_speed_m_s: number('speed_m_s'),
       ellipse95: ellipse95(numbers.std_n_m, numbers.std_e_m, numbers.cov_ne_m2),
       footprint: null,
+    };
+  }
+
+  /** Where GPS was at a time, out of the estimate and its difference to it; null where there was none. */
+  gpsAt(vehicle_id: string, t_us: number): GpsMessage | null {
+    const number = (columns: Columns, name: string) => columns.between(name, t_us, GAP_US);
+    const [north_m, east_m] = [number(this.errors, 'north_m'), number(this.errors, 'east_m')];
+    const [lat_deg, lon_deg] = [number(this.states, 'lat_deg'), number(this.states, 'lon_deg')];
+    if (Number.isNaN(north_m + east_m + lat_deg + lon_deg)) return null;
+    return {
+      type: 'gps', seq: 0, t_unix_us: t_us, t_gps_unix_us: t_us, vehicle_id, ...offsetBy({ lat_deg, lon_deg }, north_m, east_m),
+      alt_amsl_m: null, fix_type: 3, satellites: null, std_horizontal_m: null, used: number(this.states, 'gps_denied') < 0.5,
     };
   }
 
