@@ -289,6 +289,14 @@ export class Session {
     }
   }
 
+  /** How long pictures take from the station's door to the screen, by the station's clock. */
+  noteDrawn(drawn_ms: number | null): void {
+    const id = this.selectedVehicle;
+    if (id === null || drawn_ms === null || isReplay(id) || this.time.past) return;
+    const series = this.series.of(id);
+    if (series.last_us !== null) series.delay(series.last_us, { drawn_ms });
+  }
+
   private primeTarget(id: string): void {
     this.api
       .targetTrack(id)

@@ -52,6 +52,8 @@ export class TimeCursor {
   pictureHeld = $state(true);
   /** Where a replay is being moved to, until it says that it is there. */
   seeking_us = $state<number | null>(null);
+  /** Where the pointer is over the timeline. */
+  pointer_us = $state<number | null>(null);
   private held = $state.raw<TimeView | null>(null);
   private deck: PictureDeck | null = null;
   private awaited: number | null = null;
