@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -79,6 +80,7 @@ class Hub:
     def __init__(self) -> None:
         self._mailboxes: set[Mailbox] = set()
         self._seq = 0
+        self._taps: list[Callable[[str, Mapping[str, Any]], None]] = []
 
     @property
     def listeners(self) -> int:
@@ -99,12 +101,18 @@ class Hub:
 
     def publish(self, kind: str, /, **fields: Any) -> None:
         """Say something to everybody who listens."""
+        for tap in self._taps:
+            tap(kind, fields)
         if not self._mailboxes:
             self._seq += 1
             return
         message = self.message(kind, **fields)
         for mailbox in self._mailboxes:
             mailbox.put(message)
+
+    def tap(self, hear: Callable[[str, Mapping[str, Any]], None]) -> None:
+        """Have a part of the station hear kind and fields of everything that is published, before it is text."""
+        self._taps.append(hear)
 
     def open(self) -> Mailbox:
         """A mailbox that from now on receives everything."""

@@ -34,6 +34,7 @@ from backend.fleet.cameras import LiveCamera
 from backend.fleet.commands import send_command
 from backend.fleet.feed import FrameIdentity, VideoFeed
 from backend.fleet.fleet import Fleet
+from backend.fleet.history import Histories
 from backend.fleet.links import LinkEndpoint
 from backend.fleet.messages import fix_fields
 from backend.fleet.placing import Placing
@@ -78,6 +79,8 @@ class Station:
         self.running = False
         self.has_console = False
         self.hub = Hub()
+        self.histories = Histories(unix_us)
+        self.hub.tap(self.histories.take)
         self.alarms = AlarmBoard()
         self.metrics = Metrics()
         self.maps = StationMaps(settings.data_dir / "maps")
@@ -253,6 +256,13 @@ class Station:
         if not isinstance(vehicle, LiveVehicle):
             raise CommandRefusedError(f"vehicle '{vehicle_id}' is a replay: what happened cannot be changed")
         return vehicle
+
+    async def history(self, vehicle_id: str, since_us: int, step_us: int) -> dict[str, Any]:
+        """Fields of `HistoryBody`: the last hour of a vehicle, all of a replayed flight; UnknownVehicleError."""
+        vehicle = self.vehicle(vehicle_id)
+        if isinstance(vehicle, LiveVehicle):
+            return self.histories.body(vehicle_id, since_us, step_us)
+        return await self.replays.history(vehicle_id, since_us, step_us)
 
     def feed(self, source: str) -> VideoFeed:
         """A video source, or UnknownSourceError."""

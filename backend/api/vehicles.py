@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query
+import orjson
+from fastapi import APIRouter, Depends, Query, Response
 
 from backend.api.access import the_station
 from backend.errors import NoStateYetError
 from backend.fleet.vehicle import TrackSource, VehicleView
 from backend.schemas.geometry import TrackCollection, TrackFeature, collection_of_tracks
+from backend.schemas.history import HistoryBody
 from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, StateBody, VehicleBody
 from backend.station import Station
 
@@ -48,6 +51,20 @@ async def get_tracks(
     vehicle = station.vehicle(vehicle_id)
     sources = (source,) if source else ("gps", "vision")
     return TrackCollection(features=[piece for name in sources for piece in _pieces(vehicle, name, since_us)])
+
+
+@router.get("/{vehicle_id}/history", response_model=HistoryBody)
+async def get_history(
+    vehicle_id: str, station: TheStation,
+    since_us: Annotated[int, Query(ge=0)] = 0,
+    step_us: Annotated[int, Query(ge=0, le=60_000_000)] = 0,
+) -> Response:  # fmt: skip
+    """What the stream said of a vehicle in the last hour, after ``since_us``: states and GPS five times a second at
+    most, or once in ``step_us``; every attempt at a fix; alarms and landings. Of a replay: the whole flight.
+    """
+    body = await station.history(vehicle_id, since_us, step_us)
+    # Hundreds of thousands of numbers that the station has just made: to validate them again takes the loop's time.
+    return Response(await asyncio.to_thread(orjson.dumps, body), media_type="application/json")
 
 
 @router.post("/{vehicle_id}/navigation")

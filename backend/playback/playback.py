@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import structlog
@@ -11,6 +12,7 @@ import structlog
 from backend.clock import mono_us, unix_us
 from backend.errors import FrameGoneError, NoStateForFrameError
 from backend.fleet.feed import FrameIdentity
+from backend.fleet.history import history_body
 from backend.fleet.messages import finite, state_fields
 from backend.fleet.telemetry import telemetry_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
@@ -18,6 +20,7 @@ from backend.fleet.viewers import Audience
 from backend.hub import Hub
 from backend.navigation.setup import NavigationSetup
 from backend.playback.estimate import EstimateTable, RecordedStates
+from backend.playback.history import recorded_history
 from backend.playback.recording import FlightRecording
 from backend.refining.later import Hindsight
 from backend.schemas.vehicles import ReplayBody
@@ -197,6 +200,12 @@ class Playback:
         denied = self.recording.folder.is_gps_denied(self._t_us)
         return {"vehicle_id": self.id, **state_fields(state, self.epoch, denied, self.recording.setup)}
 
+    def history_body(self, fixes: Path | None, since_us: int, step_us: int) -> dict[str, Any]:
+        """Fields of `HistoryBody` of the whole flight; reads the disk and takes a while: not for the event loop."""
+        states = self._states
+        history = recorded_history(self.recording, None if states is None else states.table, fixes)
+        return history_body(self.id, history, [], since_us, step_us)
+
     async def state_at(self, t_us: int) -> NavigationState | None:
         """The recorded or computed state at a time."""
         return self.recorded_state_at(t_us)
@@ -328,7 +337,7 @@ class Playback:
                 "gps", vehicle_id=self.id, lat_deg=gps.lat_deg, lon_deg=gps.lon_deg, alt_amsl_m=gps.alt_amsl_m,
                 fix_type=gps.fix_type, satellites=gps.satellites,
                 std_horizontal_m=None if gps.std_horizontal_m is None else finite(gps.std_horizontal_m),
-                used=gps.has_fix and not self.recording.folder.is_gps_denied(gps.t_us),
+                used=gps.has_fix and not self.recording.folder.is_gps_denied(gps.t_us), t_gps_unix_us=gps.t_us,
             )  # fmt: skip
         if now_us - self._said_telemetry_us >= SAY_TELEMETRY_EVERY_US:
             self._said_telemetry_us = now_us

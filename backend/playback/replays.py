@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import structlog
 
@@ -23,7 +24,7 @@ from backend.replay.hindsight import SMOOTHED_FILE
 from backend.schemas.vehicles import ReplayBody, ReplayChange
 
 MAX_REPLAYS = 4
-ESTIMATE_FILE, REPORT_FILE = "estimate.csv", "report.json"
+ESTIMATE_FILE, FIXES_FILE, REPORT_FILE = "estimate.csv", "fixes.csv", "report.json"
 
 _log = structlog.get_logger(__name__)
 
@@ -91,6 +92,13 @@ class Replays:
                 await asyncio.gather(task, return_exceptions=True)
         await playback.close()
         self._hub.publish("vehicle", action="deleted", vehicle=vehicle_id)
+
+    async def history(self, vehicle_id: str, since_us: int, step_us: int) -> dict[str, Any]:
+        """Fields of `HistoryBody` of the whole flight, as far as its estimate is known yet."""
+        playback, entry = self._get(vehicle_id), self._entries[vehicle_id]
+        files = (entry.path / FIXES_FILE, self._cached(entry) / FIXES_FILE)
+        fixes = next((path for path in files if path.exists()), None)
+        return await asyncio.to_thread(playback.history_body, fixes, since_us, step_us)
 
     async def close(self) -> None:
         """End all replays."""

@@ -27,7 +27,8 @@ class SelfWatchConfig:
     A second opinion more than ``contradiction_sigmas`` of its own from the estimate replaces it. From
     ``displaced_sigmas`` of the estimate's on it is rather the map, or what looks alike, that lies elsewhere. After
     ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
-    map is looked for.
+    map is looked for. In level flight the tilt is below ``level_rad``, and the climb or sink below ``steep_m_s`` or below
+    ``steep_share`` of the speed over ground.
     """
 
     enabled: bool = True
@@ -37,6 +38,8 @@ class SelfWatchConfig:
     zero: ZeroConfig = field(default_factory=ZeroConfig)
     pressure_gain: float = 5.0
     level_rad: float = 0.35
+    steep_m_s: float = 0.5
+    steep_share: float = 0.5
     contradiction_sigmas: float = 2.5
     displaced_sigmas: float = 7.0
     wide_after: int = 5
@@ -78,14 +81,15 @@ class SelfWatch:
     def pressure(self, t_us: int, innovation: Innovation, eskf: ErrorStateFilter) -> None:
         """Let the barometer's zero follow where its readings keep to one side of what the pictures say of the climb.
 
-        Only in level flight: in a steep turn it is the pictures' climb that is poor. What is told is not that, which
-        chance does as well for a few seconds, but how far the zero has gone.
+        Only in level flight: in a steep turn it is the pictures' climb that is poor, and so it is straight up or down,
+        where nothing is passed by whose distance could be told. What is told is not that, which chance does as well for
+        a few seconds, but how far the zero has gone.
         """
         self._t_us = t_us
         if eskf.layout.has("barometer_bias"):
             zero_std_m = float(np.sqrt(eskf.cov("barometer_bias")[0, 0]))
             self._pressure_zero.note(t_us, eskf.nominal.barometer_bias_m, zero_std_m)
-        if matrix_from_q(eskf.nominal.motion.q_ned_from_body)[2, 2] < np.cos(self.config.level_rad):
+        if not self._is_level(eskf):
             self._pressure.restart()
             return
         std_m = float(np.sqrt((innovation.H @ eskf.P @ innovation.H.T + innovation.R)[0, 0]))
@@ -93,6 +97,12 @@ class SelfWatch:
         if self.config.enabled and mean_m != 0.0 and eskf.layout.has("barometer_bias"):
             # what the zero lags behind it is to make up at once: its usual wandering would take minutes
             eskf.inflate("barometer_bias", (self.config.pressure_gain * mean_m) ** 2)
+
+    def _is_level(self, eskf: ErrorStateFilter) -> bool:
+        north, east, down = eskf.nominal.motion.vel_ned_m_s.tolist()
+        if abs(down) > max(self.config.steep_m_s, self.config.steep_share * float(np.hypot(north, east))):
+            return False
+        return bool(matrix_from_q(eskf.nominal.motion.q_ned_from_body)[2, 2] >= np.cos(self.config.level_rad))
 
     def attempt(
         self, fixer: MapFixer, frame: FrameSample, eskf: ErrorStateFilter, by_satellites: bool,

@@ -2,7 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Command, Flight, Footprint, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type { Command, Flight, Footprint, History, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -81,6 +81,8 @@ export interface StationApi {
   /** The id under which its acknowledgements come on the stream. */
   command(vehicle_id: string, command: Command): Promise<string>;
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection>;
+  /** The last hour of a vehicle after a time, thinned to one state in `step_us`; all of a replayed flight. */
+  history(vehicle_id: string, since_us: number, step_us: number): Promise<History>;
   flights(): Promise<Flight[]>;
   deleteFlight(flight_id: string): Promise<void>;
   record(active: boolean, name?: string): Promise<void>;
@@ -228,6 +230,11 @@ export class RestApi implements StationApi {
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection> {
     const params = { path: { vehicle_id }, query: { source } };
     return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/tracks', { params }));
+  }
+
+  history(vehicle_id: string, since_us: number, step_us: number): Promise<History> {
+    const params = { path: { vehicle_id }, query: { since_us, step_us } };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/history', { params }));
   }
 
   flights(): Promise<Flight[]> {

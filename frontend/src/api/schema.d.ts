@@ -144,6 +144,27 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/api/v1/vehicles/{vehicle_id}/history": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get History
+         * @description What the stream said of a vehicle in the last hour, after ``since_us``: states and GPS five times a second at
+         *     most, or once in ``step_us``; every attempt at a fix; alarms and landings. Of a replay: the whole flight.
+         */
+        get: operations["get_history_api_v1_vehicles__vehicle_id__history_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/api/v1/vehicles/{vehicle_id}/navigation": {
         parameters: {
             query?: never;
@@ -1070,6 +1091,34 @@ export interface components {
             vertices: components["schemas"]["VertexBody"][];
         };
         /**
+         * FixColumns
+         * @description Attempts at a fix by vision, by the time of their picture; no position where none was found.
+         */
+        FixColumns: {
+            /** T Unix Us */
+            t_unix_us: number[];
+            /** Kind */
+            kind: string[];
+            /** Accepted */
+            accepted: boolean[];
+            /** Reason */
+            reason: string[];
+            /** Lat Deg */
+            lat_deg: (number | null)[];
+            /** Lon Deg */
+            lon_deg: (number | null)[];
+            /** Var N M2 */
+            var_n_m2: (number | null)[];
+            /** Var E M2 */
+            var_e_m2: (number | null)[];
+            /** Cov Ne M2 */
+            cov_ne_m2: (number | null)[];
+            /** Score */
+            score: (number | null)[];
+            /** Elapsed Ms */
+            elapsed_ms: (number | null)[];
+        };
+        /**
          * FlightBody
          * @description A flight in the list; ``problem`` says why it cannot be used.
          */
@@ -1139,6 +1188,24 @@ export interface components {
             reason: string;
         };
         /**
+         * GpsColumns
+         * @description What the receiver reported, by its own time; only with a fix.
+         */
+        GpsColumns: {
+            /** T Unix Us */
+            t_unix_us: number[];
+            /** Lat Deg */
+            lat_deg: (number | null)[];
+            /** Lon Deg */
+            lon_deg: (number | null)[];
+            /** Alt Amsl M */
+            alt_amsl_m: (number | null)[];
+            /** Std Horizontal M */
+            std_horizontal_m: (number | null)[];
+            /** Used */
+            used: boolean[];
+        };
+        /**
          * Health
          * @description The process answers.
          */
@@ -1151,6 +1218,44 @@ export interface components {
             status: "ok";
             /** Version */
             version: string;
+        };
+        /**
+         * HistoryBody
+         * @description What the stream said of a vehicle in the last hour, or all that a replayed flight holds.
+         */
+        HistoryBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            states: components["schemas"]["StateColumns"];
+            gps: components["schemas"]["GpsColumns"];
+            fixes: components["schemas"]["FixColumns"];
+            video: components["schemas"]["VideoColumns"];
+            /** Events */
+            events: components["schemas"]["HistoryEvent"][];
+        };
+        /**
+         * HistoryEvent
+         * @description Something that happened at a time; ``vehicle_id`` is None where it concerns the station.
+         */
+        HistoryEvent: {
+            /** T Unix Us */
+            t_unix_us: number;
+            /**
+             * Kind
+             * @enum {string}
+             */
+            kind: "alarm_raised" | "alarm_cleared" | "said" | "landing";
+            /** Vehicle Id */
+            vehicle_id: string | null;
+            /**
+             * Severity
+             * @enum {string}
+             */
+            severity: "info" | "caution" | "warning";
+            /** Text */
+            text: string;
+            /** Id */
+            id: string;
         };
         /**
          * HomeBody
@@ -1854,6 +1959,54 @@ export interface components {
             [key: string]: unknown;
         };
         /**
+         * StateColumns
+         * @description States; ``t_unix_us`` is what the state is for, ``age_ms`` how old it was when it was said.
+         */
+        StateColumns: {
+            /** T Unix Us */
+            t_unix_us: number[];
+            /** Epoch */
+            epoch: number[];
+            /** Mode */
+            mode: ("gps" | "vision" | "dead_reckoning" | "lost")[];
+            /** Gps Denied */
+            gps_denied: boolean[];
+            /** Lat Deg */
+            lat_deg: (number | null)[];
+            /** Lon Deg */
+            lon_deg: (number | null)[];
+            /** Alt Amsl M */
+            alt_amsl_m: (number | null)[];
+            /** Alt Agl M */
+            alt_agl_m: (number | null)[];
+            /** Std N M */
+            std_n_m: (number | null)[];
+            /** Std E M */
+            std_e_m: (number | null)[];
+            /** Std D M */
+            std_d_m: (number | null)[];
+            /** Cov Ne M2 */
+            cov_ne_m2: (number | null)[];
+            /** Vn M S */
+            vn_m_s: (number | null)[];
+            /** Ve M S */
+            ve_m_s: (number | null)[];
+            /** Vd M S */
+            vd_m_s: (number | null)[];
+            /** Roll Deg */
+            roll_deg: (number | null)[];
+            /** Pitch Deg */
+            pitch_deg: (number | null)[];
+            /** Heading Deg */
+            heading_deg: (number | null)[];
+            /** Last Fix Age S */
+            last_fix_age_s: (number | null)[];
+            /** Age Ms */
+            age_ms: (number | null)[];
+            /** Video Offset Ms */
+            video_offset_ms: (number | null)[];
+        };
+        /**
          * TagBody
          * @description A tag of the pad: centre in the pad's frame and the side of its black square.
          */
@@ -2121,6 +2274,16 @@ export interface components {
             std_s: number | null;
             /** Reason */
             reason: string;
+        };
+        /**
+         * VideoColumns
+         * @description How long pictures took to the station's door and through it.
+         */
+        VideoColumns: {
+            /** T Unix Us */
+            t_unix_us: number[];
+            /** Latency Ms */
+            latency_ms: (number | null)[];
         };
         /**
          * WayBody
@@ -2442,6 +2605,53 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["TrackCollection"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_history_api_v1_vehicles__vehicle_id__history_get: {
+        parameters: {
+            query?: {
+                since_us?: number;
+                step_us?: number;
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HistoryBody"];
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -47,6 +47,8 @@ export type Way = Schemas['WayBody'];
 /** What is not said is as the station has it. */
 export type HomingWish = Pick<HomingRequest, 'action'> & Partial<Omit<HomingRequest, 'page'>>;
 export type PadSeen = Schemas['SeenBody'];
+export type History = Schemas['HistoryBody'];
+export type HistoryEvent = Schemas['HistoryEvent'];
 export type TrackCollection = Schemas['TrackCollection'];
 
 export interface Alarm {
@@ -172,6 +174,8 @@ export interface FixMessage extends Envelope {
   type: 'fix';
   vehicle_id: string;
   frame_id: Maybe<number>;
+  /** When its picture was taken. */
+  t_fix_unix_us?: number;
   kind: string;
   accepted: boolean;
   reason: Maybe<string>;

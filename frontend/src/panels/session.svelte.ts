@@ -11,10 +11,13 @@ import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } 
 import { PadOutlines } from '../store/landing';
 import { SightingBook } from '../store/sightings';
 import { TrackBook } from '../store/tracks';
+import { EventBook } from '../store/events';
+import { SeriesBook } from '../store/series';
 import { Deletions } from '../store/deletions';
 import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
 import { Fly } from './fly.svelte';
+import { TimeCursor } from './time.svelte';
 import { MatchOverlay } from './overlay.svelte';
 import { Preferences } from './preferences.svelte';
 
@@ -29,6 +32,7 @@ export interface Notice {
 
 const NOTICE_MS = { info: 3500, error: 12_000 };
 const UNDO_MS = 8000;
+const REMEMBERED_STEP_US = 500_000;
 
 /** Resolves once the page had a chance to draw, and even in a hidden tab, where no frames come. */
 function drawn(): Promise<void> {
@@ -78,6 +82,10 @@ export class Session {
   readonly preferences = new Preferences();
   readonly tracks = new TrackBook();
   readonly sightings = new SightingBook();
+  readonly series = new SeriesBook();
+  readonly events = new EventBook();
+  /** Goes up when the station's memory of a vehicle has come. */
+  seriesRevision = $state(0);
   readonly padOutlines = new PadOutlines();
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
@@ -85,6 +93,8 @@ export class Session {
   private clock: ReturnType<typeof setInterval> | null = null;
   private readonly histories = new Map<string, StateHistory>();
   private readonly primed = new Set<string>();
+  /** Replays whose whole flight is known: a seek changes nothing of it. */
+  private readonly flightsKnown = new Set<string>();
   private noticeCount = 0;
   private awaited: string | null = null;
   private feed: Feed | null = null;
@@ -98,6 +108,25 @@ export class Session {
   );
   activeAlarms = $derived(this.mission.alarms.filter((alarm) => alarm.active));
 
+  /** The vehicle as it was at the time that is looked at. */
+  shownVehicle = $derived.by<Vehicle | null>(() => {
+    const { vehicle } = this;
+    const t_us = this.time.at_us;
+    void this.seriesRevision;
+    if (!vehicle || t_us === null) return vehicle;
+    const series = this.series.of(vehicle.id);
+    const state = this.historyOf(vehicle.id).at(t_us) ?? series.stateAt(vehicle.id, t_us);
+    return { ...vehicle, state, gps: series.gpsAt(vehicle.id, t_us) };
+  });
+
+  readonly time = new TimeCursor(() => this.timeSource(), {
+    seek: (id, t_us) => this.api.changeReplay(id, { seek_unix_us: t_us, paused: true }),
+    pause: async (id, paused) => {
+      const { replay } = this.mission.vehicles[id] ?? {};
+      const again = replay?.ended && !paused ? { seek_unix_us: replay.start_unix_us } : {};
+      await this.attempt('Replay', () => this.api.changeReplay(id, { paused, ...again }));
+    },
+  });
   readonly aim: Aim;
   readonly overlay: MatchOverlay;
   readonly fly: Fly;
@@ -147,6 +176,8 @@ export class Session {
     for (const message of batch) {
       mission = reduce(mission, message);
       const cleared = this.tracks.apply(message);
+      this.series.apply(message);
+      this.events.apply(message);
       // After a seek the station knows the trail up to there.
       if (cleared !== null) this.primed.delete(cleared);
       if (message.type === 'state') {
@@ -155,12 +186,18 @@ export class Session {
         moved = true;
       }
       if (message.type === 'gps') moved = true;
+      // Its estimate has just been read or computed.
+      if (message.type === 'replay' && message.progress == null && this.primed.has(message.vehicle_id) && !this.flightsKnown.has(message.vehicle_id)) {
+        this.flightsKnown.add(message.vehicle_id);
+        void this.primeSeries(message.vehicle_id);
+      }
       sighted = this.sightings.apply(message) || sighted;
       if (message.type === 'landing') sighted = this.padOutlines.take(message) || sighted;
       if (message.type === 'hello') {
         moved = true;
         // After an interruption the station knows more of the track than this page.
         this.primed.clear();
+        this.flightsKnown.clear();
         for (const target of message.targets.features) if (target.properties.track) this.primeTarget(target.id);
       }
       if (message.type === 'fix' && message.kind === 'operator') {
@@ -195,6 +232,7 @@ export class Session {
   }
 
   select(vehicle_id: string | null): void {
+    if (vehicle_id !== this.selectedVehicle) this.time.reset();
     this.selectedVehicle = vehicle_id;
     this.follow = true;
     this.aim.clear();
@@ -219,6 +257,7 @@ export class Session {
     // The video may be there first, and the station knows no vehicle yet.
     if (this.primed.has(vehicle_id) || !(summary ?? telemetry ?? state)) return;
     this.primed.add(vehicle_id);
+    if (!this.flightsKnown.has(vehicle_id)) void this.primeSeries(vehicle_id);
     for (const source of ['gps', 'vision'] as const) {
       this.api
         .track(vehicle_id, source)
@@ -229,6 +268,28 @@ export class Session {
         // Without the station's memory the trail simply starts now.
         .catch(() => undefined);
     }
+  }
+
+  /** The hour before this page, or the whole of a replayed flight. */
+  async primeSeries(vehicle_id: string): Promise<void> {
+    try {
+      const history = await this.api.history(vehicle_id, 0, REMEMBERED_STEP_US);
+      this.series.prime(vehicle_id, history);
+      const estimating = this.mission.vehicles[vehicle_id]?.replay?.progress;
+      if (isReplay(vehicle_id) && estimating == null) this.flightsKnown.add(vehicle_id);
+      this.events.prime(history.events);
+      this.seriesRevision += 1;
+    } catch {
+      // Without the station's memory the curves simply start now.
+    }
+  }
+
+  /** How long pictures take from the station's door to the screen, by the station's clock. */
+  noteDrawn(drawn_ms: number | null): void {
+    const id = this.selectedVehicle;
+    if (id === null || drawn_ms === null || isReplay(id) || this.time.past) return;
+    const series = this.series.of(id);
+    if (series.last_us !== null) series.delay(series.last_us, { drawn_ms });
   }
 
   private primeTarget(id: string): void {
@@ -245,6 +306,15 @@ export class Session {
   heard_s(vehicle_id: string): number | null {
     const at = this.heard_ms.get(vehicle_id);
     return at === undefined ? null : Math.max(0, this.now_ms - at) / 1000;
+  }
+
+  private timeSource() {
+    const vehicle_id = this.selectedVehicle;
+    // Typed arrays tell nobody that they grow.
+    void this.tracksRevision;
+    void this.seriesRevision;
+    const series = vehicle_id === null ? null : this.series.of(vehicle_id);
+    return { vehicle_id, first_us: series?.first_us ?? null, last_us: series?.last_us ?? null, replay: this.vehicle?.replay ?? null };
   }
 
   historyOf(vehicle_id: string): StateHistory {

@@ -198,6 +198,7 @@ class FakeStation implements Source {
     },
     command: () => Promise.reject(new Error('the fake station flies nothing')),
     track: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
+    history: () => Promise.reject(new Error('the fake station remembers nothing')),
     flights: () => Promise.resolve([]),
     deleteFlight: () => Promise.resolve(),
     record: () => Promise.resolve(),

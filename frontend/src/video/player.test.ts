@@ -230,4 +230,15 @@ describe('failure', () => {
     decoder.listener.failed('not supported', true);
     expect(jpegWanted).toEqual(['c', 'not supported']);
   });
+
+  it('shows the picture of a time, and says where it has none', async () => {
+    live(0, 60);
+    expect(player.seekTime(31 * 40_000 + 15_000)).toBe(31);
+    await Promise.resolve();
+    await Promise.resolve();
+    await Promise.resolve();
+    expect(player.view.shown?.frame_id).toBe(31);
+    expect(player.view.paused).toBe(true);
+    expect(player.seekTime(60 * 40_000 + 600_000)).toBeNull();
+  });
 });

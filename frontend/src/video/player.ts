@@ -15,6 +15,8 @@ import { PictureRing } from './ring';
 const LONGEST_QUEUE = 6;
 const FAILURES_BEFORE_FALLBACK = 3;
 const SHOWN_KEPT = 16;
+/** A picture farther from a time than this is not the picture of that time. */
+const LONGEST_GAP_US = 500_000;
 /** Two pictures within one display period: the first would never be seen. */
 const SHORTEST_DRAW_PERIOD_MS = 8;
 
@@ -159,6 +161,14 @@ export class VideoPlayer {
     if (!last) return;
     const picture = this.ring.before(last.header.t_wire_unix_us - behind_s * 1e6);
     if (picture) void this.seek(picture.header.frame_id);
+  }
+
+  /** Shows the picture of a time, paused; returns its number, or null where none is held. */
+  seekTime(t_unix_us: number): number | null {
+    const picture = this.ring.taken(t_unix_us, LONGEST_GAP_US);
+    if (!picture || this.shown.length === 0) return null;
+    void this.seek(picture.header.frame_id);
+    return picture.header.frame_id;
   }
 
   /** Shows one picture of the ring, paused. Of many calls in a row the last one counts. */

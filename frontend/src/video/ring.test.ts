@@ -29,6 +29,17 @@ describe('PictureRing', () => {
     expect(ring.first?.header.key).toBe(true);
   });
 
+  it('finds the picture taken nearest to a time, also where exposures went back a little', () => {
+    const ring = new PictureRing();
+    for (const [id, t_ms] of [[0, 0], [1, 100], [2, 90], [3, 200]] as const) {
+      const { header, payload } = picture(id, id === 0);
+      ring.push({ header: { ...header, t_unix_us: t_ms * 1000 }, payload });
+    }
+    expect(ring.taken(92_000, 50_000)?.header.frame_id).toBe(2);
+    expect(ring.taken(240_000, 50_000)?.header.frame_id).toBe(3);
+    expect(ring.taken(251_000, 50_000)).toBeUndefined();
+  });
+
   it('never drops its only group, however old or large', () => {
     const ring = new PictureRing({ keep_us: 1_000_000, most_bytes: 1000 });
     ring.push(picture(0, true));

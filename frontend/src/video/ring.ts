@@ -81,6 +81,18 @@ export class PictureRing {
     return this.pictures[Math.max(0, low - 1)];
   }
 
+  /** The picture taken nearest to a time; none where that is farther than `within_us`. */
+  taken(t_unix_us: number, within_us: number): EncodedPicture | undefined {
+    let best: EncodedPicture | undefined;
+    let least_us = within_us;
+    // Exposures may go back a little where the clock of the video is being found: no bisection.
+    for (const picture of this.pictures) {
+      const off_us = Math.abs(picture.header.t_unix_us - t_unix_us);
+      if (off_us <= least_us) [best, least_us] = [picture, off_us];
+    }
+    return best;
+  }
+
   private indexOf(frame_id: number): number {
     let low = 0;
     let high = this.pictures.length;

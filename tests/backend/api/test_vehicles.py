@@ -48,3 +48,14 @@ async def test_tracks_that_do_not_exist_are_refused(tmp_path: Path, query: str) 
 
     assert refused.status_code == 422
     assert refused.json()["errors"][0]["pointer"].startswith("query/")
+
+
+@pytest.mark.parametrize("query", ["since_us=-1", "since_us=soon", "step_us=60000001", "step_us=-1"])
+async def test_a_history_that_makes_no_sense_is_refused(tmp_path: Path, query: str) -> None:
+    async with running_station(tmp_path) as running:
+        refused = await running.client.get(f"/api/v1/vehicles/1/history?{query}")
+        stranger = await running.client.get("/api/v1/vehicles/7/history")
+
+    assert refused.status_code == 422
+    assert refused.json()["errors"][0]["pointer"].startswith("query/")
+    assert stranger.status_code == 404

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 
 from backend.flights import FlightShelf
 from backend.playback.replays import _cache_key
+from backend.schemas.history import HistoryBody
 from tests.backend.flight_maker import LAT_DEG, LON_DEG, T0_US, write_flight, write_recording_with_faulty_video
 from tests.backend.station_runner import PATIENCE_S, RunningStation, next_of, running_station
 
@@ -322,3 +323,28 @@ async def test_a_click_counts_with_the_offset_that_was_found_with_the_estimate(
     # straight down, 5 m/s to the north
     north_m = math.radians(properties["lat_deg"] - LAT_DEG) * 6.368e6
     assert north_m == pytest.approx(5.0 * (exposed_us - T0_US) / 1e6, abs=0.05)
+
+
+async def test_a_replay_tells_the_history_of_the_whole_flight(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha", seconds=8.0)
+    header = "time_us,kind,accepted,reason,north_m,east_m,std_n_m,std_e_m,score,elapsed_ms\n"
+    lines = f"{T0_US + 1_000_000},match,1,,100.0,0.0,2.0,3.0,0.5,12.5\n"
+    lines += f"{T0_US + 2_000_000},match,0,ambiguous,nan,nan,nan,nan,0.1,9\n"
+    (tmp_path / "flights" / "alpha" / "fixes.csv").write_text(header + lines + "cut,of")
+    async with running_station(tmp_path) as running:
+        await running.client.post(FLIGHT, json={"speed": 1.0})
+        await running.client.patch(REPLAY, json={"paused": True})
+        await until(running, lambda replays: replays[0]["progress"] is None)
+        answer = await running.client.get("/api/v1/vehicles/replay-alpha/history")
+        state = (await running.client.get("/api/v1/vehicles/replay-alpha/state")).json()
+
+    history = HistoryBody.model_validate(answer.json())
+    states, fixes = history.states, history.fixes
+    assert states.t_unix_us[-1] - states.t_unix_us[0] > 7_000_000
+    assert all(b > a for a, b in zip(states.t_unix_us, states.t_unix_us[1:], strict=False))
+    assert len(history.gps.t_unix_us) > 10
+    assert_allclose(states.alt_agl_m[0], state["alt_agl_m"], atol=1.0)
+    assert_allclose(states.lat_deg[0], LAT_DEG, atol=1e-4)
+    assert (fixes.accepted, fixes.reason, fixes.elapsed_ms) == ([True, False], ["", "ambiguous"], [12.5, 9.0])
+    assert fixes.lat_deg[1] is None
+    assert_allclose((fixes.lat_deg[0] or 0.0) - LAT_DEG, 100.0 / 111_200.0, atol=1e-5)

@@ -223,6 +223,27 @@ def test_a_barometer_that_keeps_to_one_side_is_let_go() -> None:
     assert grown["steady"] > 1.0
 
 
+@pytest.mark.parametrize(
+    ("vel_ned_m_s", "let_go"),
+    [((0.0, 0.0, 2.0), False), ((1.0, 1.0, -2.0), False), ((6.0, 0.0, 2.0), True), ((0.0, 0.0, 0.3), True)],
+)
+def test_straight_up_or_down_the_pictures_do_not_outweigh_the_barometer(
+    vel_ned_m_s: tuple[float, float, float], let_go: bool
+) -> None:
+    """Where nothing is passed by, how far the ground is cannot be told from how fast it comes."""
+    where = LAYOUT.slices["barometer_bias"]
+    eskf = new_filter()
+    motion = replace(eskf.nominal.motion, vel_ned_m_s=np.array(vel_ned_m_s))
+    eskf.nominal = replace(eskf.nominal, motion=motion)
+    before = eskf.P[where, where][0, 0]
+    watch = SelfWatch(SelfWatchConfig())
+    for k in range(60):
+        innovation = replace(pressure_altitude(eskf, 100.0, 0.0, 0.5), z=np.array([1.5]))
+        watch.pressure(k * 180_000, innovation, eskf)
+
+    assert (eskf.P[where, where][0, 0] > before) is np.bool_(let_go)
+
+
 def test_a_barometer_that_drifts_is_doubted_and_one_that_errs_for_seconds_is_not() -> None:
     """Height held by other means: 20 m a minute are told within 20 s, five seconds of 1 m are not."""
     told = {}
