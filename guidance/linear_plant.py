@@ -51,7 +51,7 @@ class LinearPlant:
 
     @property
     def input_matrix(self) -> Float:
-        """Omega = C B (m, m), (3-22)."""
+        """Omega = C B (m, m), (3-23)."""
         omega: Float = self.c @ self.b
         return omega
 

@@ -1,7 +1,7 @@
 """Dynamic inversion towards a reference model, with the robust integral of the error's sign (RISE). Pure.
 
 Kaiser's thesis (2008), section 3.4. With e = y - y_m (3-15), r = e' + alpha e (3-16) and a constant estimate W of the
-input matrix Omega = C B (3-22, 3-27), the published law (3-26) is the integral of
+input matrix Omega = C B (3-23, 3-27), the published law (3-26) is the integral of
 
     u' = - alpha u - W^-1 ((k_s + 1) r + beta sgn(r)).
 

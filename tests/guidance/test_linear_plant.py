@@ -46,7 +46,7 @@ def test_rate_is_the_derivative_of_the_output() -> None:
 
 
 def test_estimates_of_the_print_are_diagonally_dominant() -> None:
-    """Assumption 3 (3-30): the least of the diagonal of Omega W^-1 is above the size of the rest."""
+    """Assumption 3 (3-31): the least of the diagonal of Omega W^-1 is above the size of the rest."""
     for plant, estimate in (
         (OSPREY_LONGITUDINAL, PUBLISHED_INPUT_LONGITUDINAL),
         (OSPREY_LATERAL, PUBLISHED_INPUT_LATERAL),
