@@ -16,6 +16,7 @@ from simulator.random_streams import rng_for
 from simulator.sensors.gnss import GnssFix, GnssReceiver
 from simulator.set_points import target_of, velocity_of
 from simulator.telemetry import Snapshot, Telemetry
+from simulator.vehicles.kinds import VEHICLES, VehicleKind
 from simulator.vehicles.mission_flight import MissionFlight, stops_of
 from simulator.vehicles.pilot import FlightMode, Pilot
 from simulator.vehicles.state import VehicleState
@@ -64,15 +65,15 @@ class Autopilot:
 
     def __init__(
         self, telemetry: Telemetry, pilot: Pilot, receiver: GnssReceiver, frame: LocalFrame, system_id: int,
-        gimbal: GimbalManager | None = None,
+        gimbal: GimbalManager | None = None, kind: VehicleKind = VEHICLES["helicopter"],
     ) -> None:  # fmt: skip
         self._telemetry, self._pilot, self._receiver, self._frame = telemetry, pilot, receiver, frame
-        self._system_id, self._gimbal = system_id, gimbal
+        self._system_id, self._gimbal, self._kind = system_id, gimbal, kind
         self.on_ground = False
         self._outbox: list[bytes] = []
         self._missions = MissionStore(lambda message: self._outbox.append(telemetry.pack(message)))
         self.armed = True
-        self.say(mavlink.MAV_SEVERITY_INFO, "Simulated helicopter ready")
+        self.say(mavlink.MAV_SEVERITY_INFO, f"Simulated {kind.said} ready")
 
     def say(self, severity: int, text: str) -> None:
         """Queue a line for the operator."""
@@ -196,11 +197,12 @@ class Autopilot:
         return int(_ACCEPTED)
 
     def _set_mode(self, custom_mode: float, state: VehicleState) -> int:
-        if custom_mode not in list(FlightMode) or custom_mode in (FlightMode.STABILIZE, FlightMode.CIRCLE):
-            return int(_DENIED)
-        return self._fly(FlightMode(int(custom_mode)), state)
+        mode = self._kind.mode(custom_mode)
+        return int(_DENIED) if mode is None else self._fly(mode, state)
 
     def _fly(self, mode: FlightMode, state: VehicleState) -> int:
+        if mode not in self._kind.modes:
+            return int(_UNSUPPORTED)
         if not self.armed:
             self.say(mavlink.MAV_SEVERITY_WARNING, "Arm first")
             return int(_DENIED)
@@ -210,7 +212,7 @@ class Autopilot:
 
     def _start_mission(self, _: Any, state: VehicleState) -> int:
         """The mission that was sent; without one, the route that this aircraft has of its own."""
-        if not self.armed or not self._missions.items:
+        if not self.armed or not self._missions.items or not self._kind.hovers:
             return self._fly(FlightMode.AUTO, state)
         stops = stops_of(self._missions.items, self._frame, self._pilot.home_ned_m)
         if not stops:
@@ -248,6 +250,8 @@ class Autopilot:
         return int(_ACCEPTED)
 
     def _orbit(self, message: Any, state: VehicleState) -> int:
+        if not self._kind.hovers:
+            return int(_UNSUPPORTED)
         if not self._flies(state):
             self.say(mavlink.MAV_SEVERITY_WARNING, "Orbit: take off first")
             return int(_DENIED)

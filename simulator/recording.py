@@ -17,6 +17,7 @@ from simulator.errors import SimulatorError
 from simulator.random_streams import rng_for
 from simulator.scenario import Scenario
 from simulator.simulation import Exposure
+from simulator.vehicles.kinds import VEHICLES
 from simulator.video_out import H264FileWriter
 from simulator.visibility import Sight
 from simulator.world.pad_place import PadPlace
@@ -54,7 +55,7 @@ def flight_meta(scenario: Scenario, world: World, home_ned_m: Float, start_unix_
     return FlightMeta(
         schema="pilotage.flight/1",
         name=scenario.name,
-        vehicle=VehicleMeta(type="helicopter", system_id=scenario.system_id),
+        vehicle=VehicleMeta(type=VEHICLES[scenario.vehicle.type].flight_type, system_id=scenario.system_id),
         camera=CameraMeta(
             width_px=camera.width_px,
             height_px=camera.height_px,

@@ -43,9 +43,13 @@ class WorldSection(_Section):
 
 
 class CameraSection(_Section):
-    """The camera: ``fixed`` to the airframe, or in a ``pan_tilt`` gimbal that then starts at the mount's angles."""
+    """The camera: ``fixed`` to the airframe, or in a gimbal.
 
-    gimbal: Literal["fixed", "pan_tilt"] = "fixed"
+    A ``pan_tilt`` gimbal starts at the mount's angles; in a ``stabilised`` one the mount's roll and pitch are relative
+    to the horizon and its yaw to the body.
+    """
+
+    gimbal: Literal["fixed", "stabilised", "pan_tilt"] = "fixed"
 
     width_px: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 640
     height_px: Annotated[int, Field(ge=64, le=4096, multiple_of=2)] = 480
@@ -69,6 +73,13 @@ class CameraSection(_Section):
         """How the camera sits on the airframe."""
         roll, pitch, yaw = np.radians(self.mount_rpy_deg).tolist()
         return Mount(roll, pitch, yaw, np.array(self.lever_arm_frd_m))
+
+
+class VehicleSection(_Section):
+    """What flies. ``airframe`` is of a fixed wing, which flies at its own airspeed, whatever the flight's speed."""
+
+    type: Literal["helicopter", "multirotor", "fixed_wing", "rmax"] = "helicopter"
+    airframe: Literal["osprey", "ping_wing"] = "osprey"
 
 
 class FlightSection(_Section):
@@ -147,6 +158,7 @@ class Scenario(_Section):
     system_id: Annotated[int, Field(ge=1, le=254)] = 1
     gps_denied_s: tuple[Interval, ...] = ((30.0, 630.0),)
     gps_cut_s: tuple[Interval, ...] = ()
+    vehicle: VehicleSection = VehicleSection()
     world: WorldSection = WorldSection()
     camera: CameraSection = CameraSection()
     flight: FlightSection = FlightSection()
@@ -164,6 +176,9 @@ class Scenario(_Section):
                 f"a world of {2 * self.world.half_size_m:.0f} m is too small for a flight at "
                 f"{self.flight.height_agl_m[1]:.0f} m above ground"
             )
+            raise ValueError(message)
+        if self.pad is not None and self.vehicle.type in ("fixed_wing", "rmax"):
+            message = f"a {self.vehicle.type} cannot stand on a pad: use a helicopter or a multirotor"
             raise ValueError(message)
         return self
 

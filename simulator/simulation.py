@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.geometry.earth import isa_pressure_alt_m
-from estimator.geometry.rotation import matrix_from_q
+from estimator.geometry.rotation import matrix_from_q, q_from_euler
 from estimator.types import Float
 from simulator.autopilot import Autopilot, BelievedPosition
 from simulator.gimbal_manager import GimbalManager
@@ -19,10 +19,12 @@ from simulator.sensors.inertial import InertialUnit
 from simulator.sensors.magnetometer import Magnetometer
 from simulator.telemetry import Snapshot, Telemetry
 from simulator.vehicles.gimbal import PanTiltGimbal
-from simulator.vehicles.helicopter import Helicopter
+from simulator.vehicles.kinds import AIRFRAMES, VEHICLES, make_aircraft
 from simulator.vehicles.pilot import SKID_M, FlightMode, Pilot
-from simulator.vehicles.route import Route, make_route, pad_route
+from simulator.vehicles.route import Route, make_route, pad_route, widened
 from simulator.vehicles.state import VehicleState
+from simulator.vehicles.wing_aircraft import LOOK_AHEAD_S, turn_radius_m
+from simulator.vehicles.wing_pilot import WingPilot
 from simulator.world.pad_place import PadPlace, place_pad
 from simulator.world.world import World
 
@@ -64,12 +66,11 @@ class Simulation:
         route = self._route(seed)
         self.home_ned_m = np.array([*route.start_ned_m[:2], -float(world.terrain.at(*route.start_ned_m[:2]))])
         heading = float(np.arctan2(route.tangent_ne[0, 1], route.tangent_ne[0, 0]))
-        self._helicopter = Helicopter(
-            world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
+        kind = VEHICLES[scenario.vehicle.type]
+        self._aircraft = make_aircraft(
+            scenario.vehicle, world.frame, route.start_ned_m, heading, seed, flight.wind_m_s, flight.gust_std_m_s
         )
-        # By a belief that drifts nobody knows where the ground is.
-        until_it_stands = self.pad is not None or flight.by_belief
-        self.pilot = Pilot(route, self.home_ned_m, world.terrain, flight.speed_m_s, flight.hover_s, until_it_stands)
+        self.pilot = self._pilot_of(route)
         sensors = scenario.sensors
         self._inertial = InertialUnit(seed, sensors)
         self._barometer = Barometer(seed, sensors)
@@ -82,9 +83,9 @@ class Simulation:
         if scenario.camera.gimbal == "pan_tilt":
             self._gimbal = PanTiltGimbal(seed, mount.pitch_rad, mount.yaw_rad)
         manager = None if self._gimbal is None else GimbalManager(self._gimbal)
-        self._telemetry = Telemetry(scenario.system_id, world.frame, manager)
+        self._telemetry = Telemetry(scenario.system_id, world.frame, manager, kind)
         self.autopilot = Autopilot(
-            self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id, manager
+            self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id, manager, kind
         )
         self._body_from_camera, self._lever_arm = mount.body_from_camera, mount.lever_arm_frd_m
         self._clock_offset_us = round(scenario.vehicle_clock_offset_s * 1e6)
@@ -101,9 +102,23 @@ class Simulation:
         flight, section, world = self.scenario.flight, self.scenario.pad, self.world
         if section is not None and self.pad is not None:
             return pad_route(seed, self.pad.pos_ned_m, section.height_m, section.away_m, section.circle_m)
-        return make_route(
+        route = make_route(
             seed, world.terrain, world.spec.half_size_m, flight.waypoints, flight.height_agl_m, flight.hover_stops
         )
+        vehicle = self.scenario.vehicle
+        return widened(route, turn_radius_m(AIRFRAMES[vehicle.airframe])) if vehicle.type == "fixed_wing" else route
+
+    def _pilot_of(self, route: Route) -> Pilot:
+        flight, vehicle, terrain = self.scenario.flight, self.scenario.vehicle, self.world.terrain
+        if vehicle.type != "fixed_wing":
+            # By a belief that drifts nobody knows where the ground is.
+            until_it_stands = self.pad is not None or flight.by_belief
+            return Pilot(route, self.home_ned_m, terrain, flight.speed_m_s, flight.hover_s, until_it_stands)
+        airframe = AIRFRAMES[vehicle.airframe]
+        return WingPilot(
+            *(route, self.home_ned_m, terrain, airframe.airspeed_m_s, flight.hover_s),
+            turn_radius_m(airframe), LOOK_AHEAD_S,
+        )  # fmt: skip
 
     def begin(self, start_unix_us: int) -> None:
         """Set the clock again, before the first step only."""
@@ -173,9 +188,9 @@ class Simulation:
             velocity = np.zeros(3)
         north, east = self.home_ned_m[:2] if before is None else before.pos_ned_m[:2]
         floor_down_m = -float(self.world.terrain.at(north, east)) - SKID_M
-        state = self._helicopter.step(t_us, dt_s, velocity, yaw, floor_down_m)
-        self.autopilot.on_ground = self._helicopter.on_ground
-        if not self._helicopter.on_ground:
+        state = self._aircraft.step(t_us, dt_s, velocity, yaw, floor_down_m)
+        self.autopilot.on_ground = self._aircraft.on_ground
+        if not self._aircraft.on_ground:
             self._stands_us = 0
             return state
         if self.touchdown is None:
@@ -236,10 +251,13 @@ class Simulation:
         return Exposure(
             t_unix_us=self._start_unix_us + state.t_us + self._clock_offset_us,
             camera_pos_ned_m=state.pos_ned_m + ned_from_body @ self._lever_arm,
-            ned_from_camera=(
-                ned_from_body @ self._body_from_camera
-                if self._gimbal is None
-                else self._gimbal.ned_from_camera(state.yaw_rad)
-            ),
+            ned_from_camera=self._ned_from_camera(state, ned_from_body),
             state=state,
         )
+
+    def _ned_from_camera(self, state: VehicleState, ned_from_body: Float) -> Float:
+        if self._gimbal is not None:
+            return self._gimbal.ned_from_camera(state.yaw_rad)
+        if self.scenario.camera.gimbal == "stabilised":
+            ned_from_body = matrix_from_q(q_from_euler(0.0, 0.0, state.yaw_rad))
+        return ned_from_body @ self._body_from_camera

@@ -15,6 +15,7 @@ from estimator.types import Float
 from simulator.gimbal_manager import GimbalManager
 from simulator.sensors.gnss import GnssFix
 from simulator.vehicles.gimbal import GimbalReport
+from simulator.vehicles.kinds import VEHICLES, VehicleKind
 from simulator.vehicles.pilot import FlightMode
 
 _DEFAULT_RATE_HZ = {
@@ -75,7 +76,11 @@ class Snapshot:
 class Telemetry:
     """Packs the messages that are due; packets come out in the order they are to be sent."""
 
-    def __init__(self, system_id: int, frame: LocalFrame, gimbal: GimbalManager | None = None) -> None:
+    def __init__(
+        self, system_id: int, frame: LocalFrame, gimbal: GimbalManager | None = None,
+        kind: VehicleKind = VEHICLES["helicopter"],
+    ) -> None:  # fmt: skip
+        self._kind = kind
         self._mav = mavlink.MAVLink(None, srcSystem=system_id, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
         self._frame = frame
         self._rates_hz = _DEFAULT_RATE_HZ if gimbal is None else _DEFAULT_RATE_HZ | _GIMBAL_RATE_HZ
@@ -149,8 +154,8 @@ class Telemetry:
         if now.armed:
             flags |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
         state = mavlink.MAV_STATE_ACTIVE if now.armed else mavlink.MAV_STATE_STANDBY
-        kind, autopilot = mavlink.MAV_TYPE_HELICOPTER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return mavlink.MAVLink_heartbeat_message(kind, autopilot, flags, int(now.mode), state, 3)
+        kind, autopilot = self._kind, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return mavlink.MAVLink_heartbeat_message(kind.mav_type, autopilot, flags, kind.modes[now.mode], state, 3)
 
     def _sys_status(self, now: Snapshot) -> Any:
         present = mavlink.MAV_SYS_STATUS_SENSOR_3D_GYRO | mavlink.MAV_SYS_STATUS_SENSOR_3D_ACCEL

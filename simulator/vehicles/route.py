@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.types import Float
+from simulator.errors import SimulatorError
 from simulator.random_streams import rng_for
 from simulator.world.terrain import Terrain
 
 _STEP_M = 2.0
+_MOST_ROUNDS = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +53,31 @@ def make_route(
     height = terrain.at(north, east) + rng.uniform(*height_agl_m, len(angle))
     nodes = np.stack([north, east, -height], axis=1)
     points = _resampled(_rounded(_resampled(_closed_spline(nodes))))
-    ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
-    tangent = (ahead - behind)[:, :2]
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    bend = np.linalg.norm(np.roll(tangent, -3, axis=0) - np.roll(tangent, 3, axis=0), axis=1) / (6 * _STEP_M)
     stops = np.linspace(0, len(points), hover_stops, endpoint=False).astype(int) + len(points) // 7
-    return Route(points, tangent, bend, tuple(int(stop) % len(points) for stop in stops))
+    return _route(points, tuple(int(stop) % len(points) for stop in stops))
+
+
+def widened(route: Route, radius_m: float) -> Route:
+    """The route smoothed until no bend is narrower than ``radius_m``, for what cannot turn as a helicopter does.
+
+    Raises
+    ------
+    SimulatorError
+        It is too short for such bends.
+    """
+    wider = route
+    for _ in range(_MOST_ROUNDS):
+        if float(wider.curvature_per_m.max()) * radius_m <= 1.0:
+            return wider
+        points = _resampled(_rounded(wider.pos_ned_m))
+        share = len(points) / len(wider.pos_ned_m)
+        wider = _route(points, tuple(int(stop * share) % len(points) for stop in wider.hover_at))
+        if len(points) * _STEP_M < 2.0 * np.pi * radius_m:
+            break
+    message = (
+        f"no route in this world has bends of {radius_m:.0f} m: set world.half_size_m higher or name another vehicle"
+    )
+    raise SimulatorError(message)
 
 
 def pad_route(seed: int, pad_ned_m: Float, height_m: float, away_m: float, circle_m: float) -> Route:
@@ -75,6 +96,15 @@ def pad_route(seed: int, pad_ned_m: Float, height_m: float, away_m: float, circl
     return Route(
         np.column_stack((place, down)), tangent, np.full(count, 1.0 / circle_m), (int(np.argmin(np.abs(turn - np.pi))),)
     )
+
+
+def _route(points: Float, hover_at: tuple[int, ...]) -> Route:
+    """Directions and curvatures of a closed line of points (n, 3)."""
+    ahead, behind = np.roll(points, -1, axis=0), np.roll(points, 1, axis=0)
+    tangent = (ahead - behind)[:, :2]
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    bend = np.linalg.norm(np.roll(tangent, -3, axis=0) - np.roll(tangent, 3, axis=0), axis=1) / (6 * _STEP_M)
+    return Route(points, tangent, bend, hover_at)
 
 
 def _closed_spline(nodes: Float) -> Float:

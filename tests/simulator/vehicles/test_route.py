@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from simulator.vehicles.route import make_route
+from simulator.errors import SimulatorError
+from simulator.vehicles.route import make_route, widened
 from simulator.world.patch import Patch
 from simulator.world.terrain import Terrain
 
@@ -28,3 +29,24 @@ def test_route_is_closed_smooth_and_inside(seed: int) -> None:
 
 def test_route_without_stops() -> None:
     assert make_route(1, TERRAIN, 600.0, 8, (100.0, 110.0), 0).hover_at == ()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_route_is_widened_for_what_cannot_turn_as_sharply(seed: int) -> None:
+    """Bends of 114 m at least, still closed, inside and with its stops; one that is wide enough stays as it is."""
+    route = make_route(seed, TERRAIN, 600.0, 11, (100.0, 128.0), 3)
+    assert route.curvature_per_m.max() > 1.0 / 114.0
+    wider = widened(route, 114.0)
+    assert wider.curvature_per_m.max() <= 1.0 / 114.0
+    points = wider.pos_ned_m
+    assert np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1).max() < 2.6
+    assert np.abs(points[:, :2]).max() <= np.abs(route.pos_ned_m[:, :2]).max()
+    assert len(set(wider.hover_at)) == 3
+    assert max(wider.hover_at) < len(points)
+    assert widened(wider, 114.0) is wider
+
+
+def test_a_route_too_short_for_its_bends_is_refused() -> None:
+    route = make_route(1, TERRAIN, 180.0, 6, (70.0, 80.0), 0)
+    with pytest.raises(SimulatorError, match="no route in this world has bends of 300 m"):
+        widened(route, 300.0)
