@@ -7,6 +7,7 @@ from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Depends
+from fastapi.responses import HTMLResponse
 
 from backend.api.access import the_station
 from backend.errors import ConflictError
@@ -15,6 +16,8 @@ from backend.schemas.vehicles import FlightBody, ReplayBody, ReplayChange, Repla
 from backend.station import Station
 
 router = APIRouter(prefix="/api/v1", tags=["flights"])
+
+REPORT_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
 TheStation = Annotated[Station, Depends(the_station)]
 
@@ -30,6 +33,14 @@ async def list_flights(station: TheStation) -> list[FlightBody]:
 async def get_flight(flight_id: str, station: TheStation) -> FlightBody:
     """One flight."""
     return _body(await asyncio.to_thread(station.flights.get, flight_id), station)
+
+
+@router.get("/flights/{flight_id}/report", response_class=HTMLResponse)
+async def get_report(flight_id: str, station: TheStation) -> HTMLResponse:
+    """One page that holds everything: map, errors, targets with pictures, plots. It asks nothing of any network."""
+    page = await station.replays.report(flight_id, station.targets.all())
+    # It has no scripts, and none that came in by a name would run.
+    return HTMLResponse(page, headers={"Content-Security-Policy": REPORT_POLICY})
 
 
 @router.delete("/flights/{flight_id}", status_code=HTTPStatus.NO_CONTENT)

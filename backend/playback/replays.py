@@ -7,7 +7,7 @@ import hashlib
 import json
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,10 @@ from backend.hub import Hub
 from backend.playback.estimate import EstimateTable
 from backend.playback.playback import Playback
 from backend.playback.recording import read_recording
+from backend.playback.report import page_of_flight
 from backend.replay.hindsight import SMOOTHED_FILE
 from backend.schemas.vehicles import ReplayBody, ReplayChange
+from backend.store.targets import Target
 
 MAX_REPLAYS = 4
 ESTIMATE_FILE, FIXES_FILE, REPORT_FILE = "estimate.csv", "fixes.csv", "report.json"
@@ -99,6 +101,23 @@ class Replays:
         files = (entry.path / FIXES_FILE, self._cached(entry) / FIXES_FILE)
         fixes = next((path for path in files if path.exists()), None)
         return await asyncio.to_thread(playback.history_body, fixes, since_us, step_us)
+
+    async def report(self, flight_id: str, targets: Sequence[Target]) -> str:
+        """The page of a flight with the estimate that was recorded or has been computed for a replay.
+
+        Raises
+        ------
+        UnknownFlightError, ConflictError, FlightFolderError, VideoError
+            There is no such flight, it is broken, or nothing has been estimated of it yet.
+        """
+        entry = await asyncio.to_thread(self._flights.get, flight_id)
+        if entry.problem is not None:
+            raise ConflictError(f"flight '{flight_id}' cannot be read: {entry.problem}")
+        for folder in (entry.path, self._cached(entry)):
+            table = await asyncio.to_thread(_read_if_useful, folder / ESTIMATE_FILE)
+            if table is not None:
+                return await asyncio.to_thread(page_of_flight, entry.path, table, folder / FIXES_FILE, targets)
+        raise ConflictError(f"flight '{flight_id}' has no estimate yet: replay it once, which computes one")
 
     async def close(self) -> None:
         """End all replays."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,14 +14,14 @@ import numpy as np
 
 from backend.errors import StationError
 from backend.fleet.cameras import fitted
-from backend.link.events import SampleEvent
+from backend.link.events import SampleEvent, TelemetryGps
 from backend.link.tlog import LinkReplay, running_forward
 from backend.navigation.setup import MapFiles, NavigationSetup, Place, build_setup, middle_of_map, profile_of_flight
 from backend.recorder.alignments import AlignmentFeed
 from backend.replay.hindsight import SMOOTHED_FILE, Hindsight, write_states
 from backend.replay.landing import LANDING_FILE, LandingTrack, surveyed_place
-from backend.replay.report import write_report
-from backend.replay.targets import ClickPictures, locate_clicks, write_sightings, write_targets
+from backend.replay.report import MAX_PICTURES, Flown, FlownStates, Places, ShownTarget, cutout, write_report
+from backend.replay.targets import ClickPictures, LocatedTarget, locate_clicks, write_sightings, write_targets
 from backend.video.recorded import RecordedFrame, RecordedVideo
 from estimator.evaluate import Evaluation, evaluate
 from estimator.geometry.local import LocalFrame
@@ -117,7 +117,7 @@ def replay_flight(
     write_sightings(out / "sightings.csv", sightings)
     report["targets"] = len(targets)
     (out / "report.json").write_text(json.dumps(report, indent=1, allow_nan=False, default=_plain) + "\n")
-    write_report(out / "report.html", folder, report, run.states)
+    write_report(out / "report.html", _flown(folder, run, targets, report))
     return ReplayResult(run.states, run.fixes, evaluation, report, run.navigator.corrected())
 
 
@@ -147,8 +147,13 @@ def _place(folder: FlightFolder) -> Place:
     return middle_of_map(folder.reference_path, folder.elevation_path, folder.meta.map.ground_alt_amsl_m)
 
 
-def _samples(folder: FlightFolder, leave_out: frozenset[int]) -> Iterator[Sample]:
-    """The estimator's samples in the order of the log, with nothing from GPS inside the denied intervals."""
+def _samples(
+    folder: FlightFolder, leave_out: frozenset[int], show_gps: Callable[[TelemetryGps], None] = lambda _: None
+) -> Iterator[Sample]:
+    """The estimator's samples in the order of the log, with nothing from GPS inside the denied intervals.
+
+    What the receiver said, denied or not, goes to ``show_gps``, for people to compare with.
+    """
     link = LinkReplay()
     wanted = folder.meta.vehicle.system_id
     entries = running_forward(folder.telemetry(), lambda what: folder.warn(f"{folder.telemetry_path}: {what}"))
@@ -156,6 +161,8 @@ def _samples(folder: FlightFolder, leave_out: frozenset[int]) -> Iterator[Sample
         if leave_out and _message_id(packet) in leave_out:
             continue
         for event in link.feed(t_us, packet):
+            if isinstance(event, TelemetryGps) and wanted in (None, event.system_id):
+                show_gps(event)
             if not isinstance(event, SampleEvent) or (wanted is not None and event.system_id != wanted):
                 continue
             if isinstance(event.sample, GnssSample) and (
@@ -194,7 +201,8 @@ class _Run:
         self._setup = setup
         self._alter = options.alteration.sample if options.alteration is not None else _unaltered
         self._alignments = AlignmentFeed(folder, setup.frame, self._exposure_us) if options.alignments else None
-        self._samples = _samples(folder, options.leave_out)
+        self.gps: list[tuple[float, float, float, float]] = []
+        self._samples = _samples(folder, options.leave_out, self._show_gps)
         self._next: Sample | None = next(self._samples, None)
 
     def go(self, progress: Callable[[float], None] | None) -> None:
@@ -217,6 +225,11 @@ class _Run:
         self.hindsight.finish(self.navigator.corrected())
         if progress is not None:
             progress(1.0)
+
+    def _show_gps(self, said: TelemetryGps) -> None:
+        newer = not self.gps or said.t_us > self.gps[-1][0]
+        if newer and said.fix_type >= 3 and said.lat_rad is not None and said.lon_rad is not None:
+            self.gps.append((said.t_us, said.lat_rad, said.lon_rad, said.alt_amsl_m or 0.0))
 
     def _offer_until(self, t_us: int) -> None:
         while self._next is not None and self._next.t_us <= t_us:
@@ -379,6 +392,28 @@ def _report(folder: FlightFolder, run: _Run, evaluation: Evaluation | None, elap
         },
         "warnings": list(folder.warnings),
     }
+
+
+def _flown(folder: FlightFolder, run: _Run, targets: Sequence[LocatedTarget], report: dict[str, Any]) -> Flown:
+    """What the page shows of a pass."""
+    gps = np.array(run.gps, dtype=np.float64).reshape(-1, 4)
+    pictures: dict[str, tuple[int, bytes]] = {}
+    for click in folder.clicks():
+        picture = run.clicked.at(click.t_video_us)
+        if picture is not None and click.target not in pictures and len(pictures) < MAX_PICTURES:
+            pictures[click.target] = click.t_video_us, cutout(picture, click.u_px, click.v_px)
+    shown = [
+        ShownTarget(
+            found.target, found.lat_deg, found.lon_deg, found.ce90_m, found.method,
+            *pictures.get(found.target, (None, None)),
+        )
+        for found in targets
+    ]  # fmt: skip
+    accepted, refused = (np.array([f.t_us for f in run.fixes if f.accepted is wanted]) for wanted in (True, False))
+    return Flown(
+        folder, FlownStates.of(run.states), Places(gps[:, 0].astype(np.int64), *gps[:, 1:].T), (accepted, refused),
+        shown, report,
+    )  # fmt: skip
 
 
 def _video_clock(navigator: Navigator) -> dict[str, Any] | None:

@@ -84,6 +84,8 @@ export interface StationApi {
   /** The last hour of a vehicle after a time, thinned to one state in `step_us`; all of a replayed flight. */
   history(vehicle_id: string, since_us: number, step_us: number): Promise<History>;
   flights(): Promise<Flight[]>;
+  /** One page about a flight. */
+  reportUrl(flight_id: string): string;
   deleteFlight(flight_id: string): Promise<void>;
   record(active: boolean, name?: string): Promise<void>;
   startReplay(flight_id: string, speed: number): Promise<string>;
@@ -239,6 +241,10 @@ export class RestApi implements StationApi {
 
   flights(): Promise<Flight[]> {
     return this.answer(this.client.GET('/api/v1/flights'));
+  }
+
+  reportUrl(flight_id: string): string {
+    return new URL(`api/v1/flights/${encodeURIComponent(flight_id)}/report`, this.base).toString();
   }
 
   async deleteFlight(flight_id: string): Promise<void> {

@@ -200,6 +200,7 @@ class FakeStation implements Source {
     track: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
     history: () => Promise.reject(new Error('the fake station remembers nothing')),
     flights: () => Promise.resolve([]),
+    reportUrl: () => '',
     deleteFlight: () => Promise.resolve(),
     record: () => Promise.resolve(),
     startReplay: (id) => Promise.resolve(`replay-${id}`),

@@ -348,3 +348,22 @@ async def test_a_replay_tells_the_history_of_the_whole_flight(tmp_path: Path) ->
     assert (fixes.accepted, fixes.reason, fixes.elapsed_ms) == ([True, False], ["", "ambiguous"], [12.5, 9.0])
     assert fixes.lat_deg[1] is None
     assert_allclose((fixes.lat_deg[0] or 0.0) - LAT_DEG, 100.0 / 111_200.0, atol=1e-5)
+
+
+async def test_a_flight_has_a_report_that_asks_nothing_of_a_network(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flights" / "alpha", seconds=4.0)
+    async with running_station(tmp_path) as running:
+        early = await running.client.get("/api/v1/flights/alpha/report")
+        stranger = await running.client.get("/api/v1/flights/beta/report")
+        if early.status_code == 409:
+            await running.client.post(FLIGHT, json={"speed": 1.0})
+            await until(running, lambda replays: replays[0]["progress"] is None)
+        page = await running.client.get("/api/v1/flights/alpha/report")
+
+    assert early.status_code in (200, 409)
+    assert stranger.status_code == 404
+    assert page.status_code == 200
+    assert page.headers["content-type"].startswith("text/html")
+    assert "default-src 'none'" in page.headers["content-security-policy"]
+    assert "data-name='estimate'" in page.text
+    assert "<script" not in page.text
