@@ -15,8 +15,9 @@ import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
 import { Fly } from './fly.svelte';
 import { MatchOverlay } from './overlay.svelte';
+import { Planner } from './planner.svelte';
 
-export type Tab = 'targets' | 'fly' | 'landing' | 'alarms' | 'flights' | 'maps';
+export type Tab = 'targets' | 'fly' | 'plan' | 'landing' | 'alarms' | 'flights' | 'maps';
 
 export interface Notice {
   id: number;
@@ -118,6 +119,7 @@ export class Session {
   readonly aim: Aim;
   readonly overlay: MatchOverlay;
   readonly fly: Fly;
+  readonly planner: Planner;
 
   constructor(
     readonly source: Source,
@@ -126,6 +128,7 @@ export class Session {
     this.aim = new Aim(api);
     this.overlay = new MatchOverlay(api);
     this.fly = new Fly(api);
+    this.planner = new Planner(api.plans, this.fly);
     const stored = storedPreferences();
     this.format = stored.format;
     this.layers = stored.layers;
@@ -177,6 +180,7 @@ export class Session {
         this.say(message.accepted ? 'info' : 'error', message.accepted ? 'The estimate follows the alignment' : `Alignment: ${message.reason}`);
       }
       this.fly.take(message);
+      this.planner.take(message);
       if (message.type === 'ack' && !['accepted', 'in_progress'].includes(message.status)) {
         this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
       }
@@ -210,6 +214,7 @@ export class Session {
     this.aim.clear();
     this.overlay.clear();
     this.fly.clear();
+    this.planner.open(vehicle_id);
     if (vehicle_id !== null) this.prime(vehicle_id);
   }
 
@@ -309,6 +314,7 @@ export class Session {
   /** The page goes away. */
   leave(): void {
     this.deletions.flush();
+    this.planner.flush(true);
   }
 
   /** Of the last one where none is named. */
