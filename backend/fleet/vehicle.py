@@ -68,14 +68,6 @@ class VehicleView(Protocol):
     def setup(self) -> NavigationSetup | None:
         """Camera, frame and ground, None before they are known."""
 
-    def _home_fields(self) -> dict[str, float] | None:
-        """Where the vehicle says that it began, None before it has said so."""
-        home = self.home
-        if home is None:
-            return None
-        lat_deg, lon_deg = math.degrees(home.lat_rad), math.degrees(home.lon_rad)
-        return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": home.alt_amsl_m}
-
     def summary(self) -> dict[str, Any]:
         """What lists of vehicles show."""
 
@@ -256,6 +248,14 @@ class LiveVehicle:
             "battery_v": said.battery_v, "airspeed_m_s": said.airspeed_m_s,
             "mission_item": said.mission_item, "home": self._home_fields(),
         }  # fmt: skip
+
+    def _home_fields(self) -> dict[str, float] | None:
+        """Where the vehicle says that it began, None before it has said so."""
+        home = self.home
+        if home is None:
+            return None
+        lat_deg, lon_deg = math.degrees(home.lat_rad), math.degrees(home.lon_rad)
+        return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": home.alt_amsl_m}
 
     def summary(self) -> dict[str, Any]:
         """What lists of vehicles show."""

@@ -7,8 +7,8 @@ import { COLOURS } from './styles';
 
 const INK = '#06090d';
 const POINT = '#f4f7fa';
-const CURRENT = '#2fe0d0';
-const SELECTED = '#fff14d';
+const CURRENT = '#ff7a1a';
+const SELECTED = '#ff8bff';
 const KEEP_IN = '#4ccf8a';
 const KEEP_OUT = '#ff5a4f';
 const FONT = '700 11px system-ui, sans-serif';
