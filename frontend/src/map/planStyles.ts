@@ -29,8 +29,9 @@ const ZONES = {
   out: new Style({ stroke: new Stroke({ color: KEEP_OUT, width: 2.25, lineDash: [8, 4] }), fill: new Fill({ color: 'rgba(255, 90, 79, 0.18)' }) }),
 };
 const PROBLEM = new Style({
-  image: new RegularShape({ points: 3, radius: 11, fill: new Fill({ color: KEEP_OUT }), stroke: new Stroke({ color: INK, width: 1.5 }) }),
-  text: new Text({ text: '!', font: FONT, offsetY: 2, fill: new Fill({ color: '#ffffff' }) }),
+  image: new RegularShape({ points: 3, radius: 11, fill: new Fill({ color: KEEP_OUT }), stroke: new Stroke({ color: INK, width: 1.5 }), displacement: [0, 24] }),
+  // Above the point that may be at the same place.
+  text: new Text({ text: '!', font: FONT, offsetY: -22, fill: new Fill({ color: '#ffffff' }) }),
   zIndex: 3,
 });
 
