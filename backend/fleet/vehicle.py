@@ -228,7 +228,15 @@ class LiveVehicle:
 
     def telemetry_message(self, now_us: int) -> dict[str, Any]:
         """Fields of the ``telemetry`` message at a time of the station's clock."""
-        return {"vehicle_id": self.id, **telemetry_fields(self.telemetry, now_us)}
+        return {"vehicle_id": self.id, **telemetry_fields(self.telemetry, now_us), "home": self._home_fields()}
+
+    def _home_fields(self) -> dict[str, float] | None:
+        """Where the vehicle says that it began, None before it has said so."""
+        home = self.home
+        if home is None:
+            return None
+        lat_deg, lon_deg = math.degrees(home.lat_rad), math.degrees(home.lon_rad)
+        return {"lat_deg": lat_deg, "lon_deg": lon_deg, "alt_amsl_m": home.alt_amsl_m}
 
     def summary(self) -> dict[str, Any]:
         """What lists of vehicles show."""

@@ -27,7 +27,7 @@ class SelfWatchConfig:
     A second opinion more than ``contradiction_sigmas`` of its own from the estimate replaces it. From
     ``displaced_sigmas`` of the estimate's on it is rather the map, or what looks alike, that lies elsewhere. After
     ``wide_after`` refused pictures in a row under satellites the search reaches ``wide_reach_m``, as far as a displaced
-    map is looked for. In level flight the tilt is below ``level_rad``, and climb or sink is below ``steep_m_s`` or below
+    map is looked for. In level flight the tilt is below ``level_rad``, and climb or sink below ``steep_m_s`` or below
     ``steep_share`` of the speed over ground.
     """
 

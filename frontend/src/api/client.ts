@@ -2,6 +2,7 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
+import { RestPlans, type PlanApi } from './plans';
 import type { Command, Flight, Footprint, History, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
@@ -59,6 +60,7 @@ export interface LandingWish {
 }
 
 export interface StationApi {
+  readonly plans: PlanApi;
   createTarget(target: NewTarget): Promise<Target>;
   renameTarget(target: Target, name: string): Promise<Target>;
   /** Follow a clicked target from its picture on, or no longer. */
@@ -141,6 +143,7 @@ interface Answer<T> {
 
 export class RestApi implements StationApi {
   private readonly client: Client<paths>;
+  readonly plans: PlanApi;
 
   constructor(
     private readonly base: string,
@@ -149,6 +152,7 @@ export class RestApi implements StationApi {
     private readonly page = '',
   ) {
     this.client = createClient<paths>({ baseUrl: base.replace(/\/$/, ''), fetch: send });
+    this.plans = new RestPlans(base, send);
   }
 
   private async answer<T>(request: Promise<Answer<T>>): Promise<T> {

@@ -38,6 +38,8 @@ export interface Pointing {
 }
 export type TargetTrack = Schemas['TrackBody'];
 export type Command = Schemas['CommandBody'];
+export type PlanPath = Schemas['PathFeature'];
+export type PathProblem = Schemas['PathProblemBody'];
 export type Flight = Schemas['FlightBody'];
 export type Pad = Schemas['PadBody'];
 export type Landing = Schemas['LandingBody'];
@@ -138,6 +140,9 @@ export interface TelemetryMessage extends Envelope {
   battery_pct: Maybe<number>;
   battery_v: Maybe<number>;
   airspeed_m_s: Maybe<number>;
+  /** The item of its mission that the vehicle flies to, from 1. */
+  mission_item?: Maybe<number>;
+  home?: Maybe<{ lat_deg: number; lon_deg: number; alt_amsl_m: number }>;
 }
 
 export interface LinkMessage extends Envelope {
@@ -222,6 +227,15 @@ export interface AckMessage extends Envelope {
   command: string;
   status: string;
   text: string;
+  /** Of a comparison: whether the vehicle holds the kept plan. */
+  same?: boolean;
+}
+
+/** The plan that is kept for a vehicle is another now, or gone. */
+export interface PlanMessage extends Envelope {
+  type: 'plan';
+  vehicle_id: string;
+  etag: Maybe<string>;
 }
 
 export type MapMessage = Envelope & { type: 'map' } & (
@@ -301,6 +315,7 @@ export type StationMessage =
   | LandingMessage
   | HomingMessage
   | PadMessage
+  | PlanMessage
   | WaitingMessage
   | VehicleMessage
   | PongMessage;

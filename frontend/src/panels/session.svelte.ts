@@ -20,8 +20,9 @@ import { Fly } from './fly.svelte';
 import { TimeCursor } from './time.svelte';
 import { MatchOverlay } from './overlay.svelte';
 import { Preferences } from './preferences.svelte';
+import { Planner } from './planner.svelte';
 
-export type Tab = 'targets' | 'fly' | 'landing' | 'alarms' | 'flights' | 'maps';
+export type Tab = 'targets' | 'fly' | 'plan' | 'landing' | 'alarms' | 'flights' | 'maps';
 
 export interface Notice {
   id: number;
@@ -130,6 +131,7 @@ export class Session {
   readonly aim: Aim;
   readonly overlay: MatchOverlay;
   readonly fly: Fly;
+  readonly planner: Planner;
 
   constructor(
     readonly source: Source,
@@ -138,6 +140,7 @@ export class Session {
     this.aim = new Aim(api);
     this.overlay = new MatchOverlay(api);
     this.fly = new Fly(api);
+    this.planner = new Planner(api.plans, this.fly);
     const { faults } = this.preferences;
     if (faults.length > 0) this.say('error', `Kept settings: ${faults.join(', ')}. The defaults are used instead.`);
   }
@@ -204,6 +207,7 @@ export class Session {
         this.say(message.accepted ? 'info' : 'error', message.accepted ? 'The estimate follows the alignment' : `Alignment: ${message.reason}`);
       }
       this.fly.take(message);
+      this.planner.take(message);
       if (message.type === 'ack' && !['accepted', 'in_progress'].includes(message.status)) {
         this.say('error', `${message.command.replaceAll('_', ' ')}: ${message.text || message.status}`);
       }
@@ -238,6 +242,7 @@ export class Session {
     this.aim.clear();
     this.overlay.clear();
     this.fly.clear();
+    this.planner.open(vehicle_id);
     if (vehicle_id !== null) this.prime(vehicle_id);
   }
 
@@ -369,6 +374,7 @@ export class Session {
   /** The page goes away. */
   leave(): void {
     this.deletions.flush();
+    this.planner.flush(true);
   }
 
   /** Of the last one where none is named. */

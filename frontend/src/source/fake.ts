@@ -1,5 +1,6 @@
 /** A station in the page, for development without one. Development only: the production build does not contain it. */
 
+import { NO_PLANS } from '../api/plans';
 import type { NewTarget, StationApi } from '../api/client';
 import type { FrameHeader, StationMessage, Target } from '../api/types';
 import { offsetBy } from '../geo/earth';
@@ -196,6 +197,7 @@ class FakeStation implements Source {
       this.cut = failure === 'off';
       return Promise.resolve('1');
     },
+    plans: NO_PLANS,
     command: () => Promise.reject(new Error('the fake station flies nothing')),
     track: () => Promise.resolve({ type: 'FeatureCollection', features: [] }),
     history: () => Promise.reject(new Error('the fake station remembers nothing')),

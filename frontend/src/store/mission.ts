@@ -238,6 +238,7 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
       return { ...mission, padRevision: mission.padRevision + 1 };
     case 'waiting':
       return { ...mission, waiting_for: message.waiting_for };
+    case 'plan':
     case 'pong':
       return mission;
     default:

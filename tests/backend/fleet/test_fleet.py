@@ -104,6 +104,8 @@ def test_home_places_the_vehicle_before_a_fix_with_height_does() -> None:
     assert heard.placed[-1].alt_amsl_m == 400.0
     heard.fleet.take(A, SampleEvent(4, 7, HomeSample(4, 0.8, 0.1, 398.0)))
     assert heard.placed[-1].alt_amsl_m == 398.0
+    home = heard.vehicle.telemetry_message()["home"]
+    assert (round(math.radians(home["lat_deg"]), 9), home["alt_amsl_m"]) == (0.8, 398.0)
 
 
 def test_a_second_link_takes_over_only_when_the_first_is_silent() -> None:
