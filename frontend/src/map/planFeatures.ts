@@ -3,7 +3,10 @@
 import type { PlanPath } from '../api/types';
 import type { LatLon } from '../geo/earth';
 import { ellipseRing } from '../geo/ellipse';
-import { collection, latLon, line, point, polygon, type Collection, type Feature, type LineGeometry, type PointGeometry, type PolygonGeometry } from '../geo/geojson';
+import {
+  collection, latLon, line, point, polygon,
+  type Collection, type Feature, type LineGeometry, type PointGeometry, type PolygonGeometry,
+} from '../geo/geojson';
 import { sameHandle, type Handle } from '../store/handles';
 import { homeOf, pointsOf, rallyOf, zonesOf, type PlanDocument } from '../store/plan';
 
@@ -42,7 +45,9 @@ export function pathFeatures(path: PlanPath | null): Collection {
   return collection(features);
 }
 
-export function planFeatures(plan: PlanDocument | null, draft: readonly LatLon[], selected: Handle | null, current: number | null, editable: boolean): Collection {
+export function planFeatures(
+  plan: PlanDocument | null, draft: readonly LatLon[], selected: Handle | null, current: number | null, editable: boolean,
+): Collection {
   const features: Drawn[] = [];
   if (plan) {
     for (const { kind, index, inclusion, ring, radius_m } of zonesOf(plan)) {
@@ -58,7 +63,9 @@ export function planFeatures(plan: PlanDocument | null, draft: readonly LatLon[]
     if (points.length > 1) features.push(line(points.map(({ place }) => place), { kind: 'legs' }));
     const home = homeOf(plan);
     if (home) features.push(point(home, { kind: 'home', label: 'H', selected: selected?.kind === 'home' }));
-    rallyOf(plan).forEach((at, index) => features.push(point(at, { kind: 'rally', label: 'R', selected: sameHandle({ kind: 'rally', index }, selected) })));
+    rallyOf(plan).forEach((at, index) => {
+      features.push(point(at, { kind: 'rally', label: 'R', selected: sameHandle({ kind: 'rally', index }, selected) }));
+    });
     for (const { index, number, place } of points) {
       const chosen = sameHandle({ kind: 'item', index }, selected);
       features.push(point(place, { kind: 'item', label: String(number), selected: chosen, current: number === current }));

@@ -26,10 +26,12 @@ const DRAFT = cased(SELECTED, 1.75, [5, 4]);
 // Hatching would cover the ground: a dash tells the two apart for every eye.
 const ZONES = {
   in: new Style({ stroke: new Stroke({ color: KEEP_IN, width: 2.25 }), fill: new Fill({ color: 'rgba(76, 207, 138, 0.05)' }) }),
-  out: new Style({ stroke: new Stroke({ color: KEEP_OUT, width: 2.25, lineDash: [8, 4] }), fill: new Fill({ color: 'rgba(255, 90, 79, 0.18)' }) }),
+  out: new Style({ stroke: new Stroke({ color: KEEP_OUT, width: 2.25, lineDash: [8, 4] }),
+    fill: new Fill({ color: 'rgba(255, 90, 79, 0.18)' }) }),
 };
 const PROBLEM = new Style({
-  image: new RegularShape({ points: 3, radius: 11, fill: new Fill({ color: KEEP_OUT }), stroke: new Stroke({ color: INK, width: 1.5 }), displacement: [0, 24] }),
+  image: new RegularShape({
+    points: 3, radius: 11, fill: new Fill({ color: KEEP_OUT }), stroke: new Stroke({ color: INK, width: 1.5 }), displacement: [0, 24] }),
   // Above the point that may be at the same place.
   text: new Text({ text: '!', font: FONT, offsetY: -22, fill: new Fill({ color: '#ffffff' }) }),
   zIndex: 3,
@@ -52,7 +54,10 @@ function labelled(kind: string, label: string, selected: boolean, current: boole
   const stroke = new Stroke({ color: current ? CURRENT : INK, width: current ? 4 : 1.5 });
   const radius = selected ? 12 : 10;
   return new Style({
-    image: kind === 'item' ? new Circle({ radius, fill, stroke }) : new RegularShape({ points: kind === 'home' ? 4 : 6, radius, fill, stroke, angle: kind === 'home' ? Math.PI / 4 : 0 }),
+    image:
+      kind === 'item'
+        ? new Circle({ radius, fill, stroke })
+        : new RegularShape({ points: kind === 'home' ? 4 : 6, radius, fill, stroke, angle: kind === 'home' ? Math.PI / 4 : 0 }),
     text: new Text({ text: label, font: FONT, offsetY: 1, fill: new Fill({ color: INK }) }),
     zIndex: selected ? 5 : 2,
   });

@@ -23,8 +23,10 @@ const MISSION_FRAME = 2;
 const FLOWN = new Set([WAYPOINT, 17, 18, LOITER_TIME, 21, TAKEOFF, 31, 82, 84, 85]);
 
 const NAMES: Record<number, string> = {
-  16: 'Waypoint', 17: 'Stay', 18: 'Turns', 19: 'Stay for', 20: 'Return home', 21: 'Land', 22: 'Take off', 31: 'Climb to', 82: 'Spline', 84: 'Take off',
-  85: 'Land', 93: 'Wait', 177: 'Jump', 178: 'Speed', 189: 'Landing begins', 195: 'Look at', 201: 'Look at', 206: 'Photo every', 2000: 'Photo',
+  16: 'Waypoint', 17: 'Stay', 18: 'Turns', 19: 'Stay for', 20: 'Return home', 21: 'Land', 22: 'Take off',
+  31: 'Climb to', 82: 'Spline', 84: 'Take off',
+  85: 'Land', 93: 'Wait', 177: 'Jump', 178: 'Speed', 189: 'Landing begins', 195: 'Look at', 201: 'Look at',
+  206: 'Photo every', 2000: 'Photo',
 };
 
 export type Datum = 'home' | 'amsl' | 'ground';
