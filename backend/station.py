@@ -15,6 +15,7 @@ from typing import Any
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from backend.aiding.service import PositionAiding
 from backend.alarms import Alarm, AlarmBoard
 from backend.clicks import clicked_target, typed_target
 from backend.clock import mono_us, unix_us
@@ -85,6 +86,7 @@ class Station:
         self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
         self.guided = Guided(lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command)
+        self.aidings = PositionAiding(lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self.guided)
         self.landings = Landings(
             settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self.guided,
             settings.gear_height_m,
@@ -102,6 +104,7 @@ class Station:
             settings.estimator_delay_ms * 1000, self.hub.publish,
             on_heard=self._on_heard, on_place=self.placing.place, on_state=self._on_state,
             on_reports=self._on_reports, on_transfer=self.missions.on_transfer,
+            on_parameter=self.aidings.parameters.on_news,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
         self.refiner = Refiner(lambda: self.targets, self.evidence, self.metrics, self._tell_changed)
@@ -173,6 +176,7 @@ class Station:
     async def stop(self) -> None:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
+        self.aidings.close()
         self.landings.close()
         await self.guided.close()
         await self.missions.close()
@@ -469,6 +473,7 @@ class Station:
 
     def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         self.guided.on_state(vehicle, update.state)
+        self.aidings.on_state(vehicle, update)
         self.landings.on_state(vehicle, update)
         self.homings.on_state(vehicle)
         camera_vehicle = self._camera_vehicle()
