@@ -2,7 +2,20 @@
 
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
-import type { Flight, Footprint, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type {
+  AidingCheck,
+  AidingForm,
+  Flight,
+  Footprint,
+  LocatedPixel,
+  MapSummary,
+  Matchability,
+  Pad,
+  Pointing,
+  Problem,
+  Target,
+  TrackCollection,
+} from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -77,6 +90,10 @@ export interface StationApi {
   pictureUrl(target: Target, size_px: number): string;
   exportUrl(format: string): string;
   denyGps(vehicle_id: string, gps_denied: boolean): Promise<void>;
+  /** Takes seconds: the vehicle is asked for its parameters. */
+  checkAiding(vehicle_id: string, form: AidingForm | null): Promise<AidingCheck>;
+  /** What is begun here ends with this page. */
+  aid(vehicle_id: string, aiding: AidingForm | 'off'): Promise<void>;
   injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string>;
   track(vehicle_id: string, source: 'gps' | 'vision'): Promise<TrackCollection>;
   flights(): Promise<Flight[]>;
@@ -208,6 +225,16 @@ export class RestApi implements StationApi {
   async denyGps(vehicle_id: string, gps_denied: boolean): Promise<void> {
     const params = { path: { vehicle_id } };
     await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/navigation', { params, body: { gps_denied } }));
+  }
+
+  checkAiding(vehicle_id: string, form: AidingForm | null): Promise<AidingCheck> {
+    const params = { path: { vehicle_id }, query: form ? { form } : {} };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/aiding', { params }));
+  }
+
+  async aid(vehicle_id: string, aiding: AidingForm | 'off'): Promise<void> {
+    const body = this.page ? { aiding, page: this.page } : { aiding };
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/navigation', { params: { path: { vehicle_id } }, body }));
   }
 
   async injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string> {

@@ -40,6 +40,9 @@ export type TargetTrack = Schemas['TrackBody'];
 export type Flight = Schemas['FlightBody'];
 export type Pad = Schemas['PadBody'];
 export type Landing = Schemas['LandingBody'];
+export type Aiding = Schemas['PositionAidingBody'];
+export type AidingCheck = Schemas['AidingCheckBody'];
+export type AidingForm = AidingCheck['form'];
 export type PadSeen = Schemas['SeenBody'];
 export type TrackCollection = Schemas['TrackCollection'];
 
@@ -249,6 +252,9 @@ export interface ReplayPreparingMessage extends Envelope {
 
 export type LandingMessage = Envelope & Landing & { type: 'landing' };
 
+/** While the autopilot is told where the vehicle is. */
+export type AidingMessage = Envelope & Aiding & { type: 'aiding' };
+
 /** Another pad is looked for, or none. */
 export interface PadMessage extends Envelope {
   type: 'pad';
@@ -287,6 +293,7 @@ export type StationMessage =
   | ReplayMessage
   | ReplayPreparingMessage
   | LandingMessage
+  | AidingMessage
   | PadMessage
   | WaitingMessage
   | VehicleMessage

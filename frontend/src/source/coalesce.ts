@@ -12,6 +12,7 @@ export function coalescingKey(message: StationMessage): string | null {
     case 'replay':
     case 'replay_preparing':
     case 'landing':
+    case 'aiding':
       return `${message.type}/${message.vehicle_id}`;
     case 'fix':
       // What became of an operator's alignment is an answer.

@@ -1,6 +1,7 @@
 /** Everything the page knows, as a fold over the station's messages. Pure: `state = reduce(state, message)`. */
 
 import type {
+  AidingMessage,
   AckMessage,
   Alarm,
   FixMessage,
@@ -39,6 +40,7 @@ export interface Vehicle {
   fixesRejected: number;
   replay: ReplayMessage | null;
   landing: LandingMessage | null;
+  aiding: AidingMessage | null;
 }
 
 export interface Mission {
@@ -85,6 +87,7 @@ export function newVehicle(id: string, summary: VehicleSummary | null = null): V
     fixesRejected: 0,
     replay: null,
     landing: null,
+    aiding: null,
   };
 }
 
@@ -229,6 +232,8 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
     }
     case 'landing':
       return withVehicle(mission, message.vehicle_id, { landing: message });
+    case 'aiding':
+      return withVehicle(mission, message.vehicle_id, { aiding: message });
     case 'pad':
       return { ...mission, padRevision: mission.padRevision + 1 };
     case 'waiting':
