@@ -130,7 +130,7 @@ class PositionAiding:
             if not self._guided.pages.is_there(session.page, mono_us()):
                 self.end(vehicle)
                 text = "its autopilot is told no more where it is: the page that began it has gone"
-                self._guided.tell(vehicle, "aiding_ended", text)
+                self._guided.tell(vehicle, "position_aiding_ended", text)
                 continue
             if vehicle.latest is None or abs(now_us - vehicle.latest.state.t_us) > STALE_US:
                 session.silent("the estimator gives no state")
@@ -156,9 +156,9 @@ class PositionAiding:
             return
         self._told_sending[vehicle.id] = session.sending
         if session.sending:
-            self._guided.tell(vehicle, "aiding_resumed", "its autopilot is told again where it is")
+            self._guided.tell(vehicle, "position_aiding_resumed", "its autopilot is told again where it is")
         else:
-            self._guided.tell(vehicle, "aiding_paused", f"its autopilot is not told where it is: {session.reason}")
+            self._guided.tell(vehicle, "position_aiding_paused", f"its autopilot is not told where it is: {session.reason}")
 
     # --- what is told ---
 

@@ -156,7 +156,7 @@ async def test_a_lost_place_pauses_it_and_a_found_one_goes_on(tmp_path: Path) ->
         await ask(on, "external_position")
         await on.pilot.hears("COMMAND_INT")
         flying.how = {"mode": Mode.LOST}
-        while (paused := await next_of(on.stream, "alarm"))["code"] != "aiding_paused":
+        while (paused := await next_of(on.stream, "alarm"))["code"] != "position_aiding_paused":
             pass
         count = len(on.pilot.of("COMMAND_INT"))
         message = await told(on, "sending", False)
@@ -165,7 +165,7 @@ async def test_a_lost_place_pauses_it_and_a_found_one_goes_on(tmp_path: Path) ->
             pass
         assert len(on.pilot.of("COMMAND_INT")) == count
         flying.how = {}
-        while (resumed := await next_of(on.stream, "alarm"))["code"] != "aiding_resumed":
+        while (resumed := await next_of(on.stream, "alarm"))["code"] != "position_aiding_resumed":
             pass
         await on.pilot.hears("COMMAND_INT", count + 1)
 
@@ -191,7 +191,7 @@ async def test_it_ends_with_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyP
     async with scene(tmp_path, kind=Aided, pad=False) as on, Flying(on), on.running.stream() as other:
         await ask(on, "external_position")
         await on.stream.close()
-        while (alarm := await next_of(other, "alarm"))["code"] != "aiding_ended":
+        while (alarm := await next_of(other, "alarm"))["code"] != "position_aiding_ended":
             pass
         now = await on.running.client.get(AIDING)
 
