@@ -5,6 +5,7 @@ from __future__ import annotations
 from fastapi import FastAPI
 
 from backend.api import (
+    aiding,
     flights,
     health,
     homing,
@@ -12,6 +13,7 @@ from backend.api import (
     locating,
     maps,
     missions,
+    parameters,
     recording,
     stream,
     targets,
@@ -36,7 +38,7 @@ def create_app(settings: Settings) -> FastAPI:
     )  # fmt: skip
     app.state.station = station
     add_problem_handlers(app)
-    flying = (vehicles, landing, homing, missions)
+    flying = (vehicles, parameters, aiding, landing, homing, missions)
     for module in (health, *flying, locating, targets, maps, flights, recording, stream, video):
         app.include_router(module.router)
     station.has_console = add_console(app, settings.console_dir or default_console_dir())

@@ -15,7 +15,8 @@ from backend.demo import DemoScenario, run_demo
 from backend.errors import StationError
 from backend.server import configure_logging, run_station
 from backend.settings import load_settings
-from backend.station import Station, package_version
+from backend.station import Station
+from backend.version import package_version
 from geodata.errors import GeodataError
 
 COMMANDS_GROUP = "pilotage.commands"

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import shutil
 import uuid
 from collections.abc import Coroutine
 from dataclasses import asdict, replace
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from backend.aiding.service import PositionAiding
 from backend.alarms import Alarm, AlarmBoard
 from backend.clicks import clicked_target, typed_target
 from backend.clock import mono_us, unix_us
@@ -63,6 +62,7 @@ from backend.store.database import Database
 from backend.store.lock import DataDirLock
 from backend.store.targets import SEEN, Target, TargetChange, TargetStore
 from backend.ticker import Ticker
+from backend.version import package_version
 from estimator.types import FixReport, FrameSample
 from geodata.errors import GeodataError
 from geodata.maps import MapKind
@@ -88,6 +88,7 @@ class Station:
         self.evidence = EvidenceKeeper(settings.data_dir / "evidence", self.maps, self.version)
         self.recorder = Recorder(settings.data_dir / "flights")
         self.guided = Guided(lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self._send_command)
+        self.aidings = PositionAiding(lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self.guided)
         self.landings = Landings(
             settings.data_dir, lambda: self.fleet.vehicles, self._link_of, self.hub.publish, self.guided,
             settings.gear_height_m,
@@ -105,6 +106,7 @@ class Station:
             settings.estimator_delay_ms * 1000, self.hub.publish,
             on_heard=self._on_heard, on_place=self.placing.place, on_state=self._on_state,
             on_reports=self._on_reports, on_transfer=self.missions.on_transfer,
+            on_parameter=self.aidings.parameters.on_news,
         )  # fmt: skip
         self.replays = Replays(self.flights, settings.data_dir / "cache", self.hub)
         self.refiner = Refiner(lambda: self.targets, self.evidence, self.metrics, self._tell_changed)
@@ -176,6 +178,7 @@ class Station:
     async def stop(self) -> None:
         """End everything; the recording is closed first, so that nothing can keep it from that."""
         self.running = False
+        self.aidings.close()
         self.landings.close()
         await self.guided.close()
         await self.missions.close()
@@ -479,6 +482,7 @@ class Station:
 
     def _on_state(self, vehicle: LiveVehicle, update: StateUpdate) -> None:
         self.guided.on_state(vehicle, update.state)
+        self.aidings.on_state(vehicle, update)
         self.landings.on_state(vehicle, update)
         self.homings.on_state(vehicle)
         camera_vehicle = self._camera_vehicle()
@@ -491,10 +495,3 @@ class Station:
             self.metrics.stage.labels("registration").observe(report.elapsed_ms / 1e3)
             if vehicle.setup is not None:
                 self.hub.publish("fix", vehicle_id=vehicle.id, **fix_fields(report, vehicle.setup.frame))
-
-
-def package_version() -> str:
-    """The installed version."""
-    with contextlib.suppress(PackageNotFoundError):
-        return version("pilotage")
-    return "0+unknown"

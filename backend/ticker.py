@@ -62,6 +62,7 @@ class Ticker:
             if self._ticks % 5 == 0:
                 station.hub.publish("telemetry", **vehicle.telemetry_message(unix_us()))
         station.guided.tick()
+        station.aidings.tick()
         station.landings.tick()
         station.homings.tick()
         if self._ticks % 10 == 0:

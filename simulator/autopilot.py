@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,11 +10,14 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from estimator.geometry.local import LocalFrame
 from estimator.types import Float
+from simulator.believed import BelievedPosition
 from simulator.gimbal_manager import CONFIGURE, PITCH_YAW, GimbalManager
 from simulator.mavlink_input import messages_in
 from simulator.mission_store import KINDS, MissionStore
-from simulator.random_streams import rng_for
-from simulator.sensors.gnss import GnssFix, GnssReceiver
+from simulator.navigation_input import EXTERNAL_POSITION, SET_SOURCES, NavigationInput
+from simulator.parameters import KINDS as PARAMETER_KINDS
+from simulator.parameters import ParameterStore
+from simulator.sensors.gnss import GnssReceiver
 from simulator.set_points import target_of, velocity_of
 from simulator.telemetry import Snapshot, Telemetry
 from simulator.vehicles.kinds import VEHICLES, VehicleKind
@@ -40,38 +44,21 @@ _MODE_COMMANDS = {
 }
 
 
-class BelievedPosition:
-    """The error of the autopilot's filter: it follows the receiver's, and runs away without it."""
-
-    def __init__(self, seed: int) -> None:
-        self._rng = rng_for(seed, "autopilot")
-        self.error_ned_m: Float = np.zeros(3)
-        self.vel_error_ned_m_s: Float = np.zeros(3)
-
-    def step(self, state: VehicleState, fix: GnssFix, dt_s: float) -> None:
-        """Take in one epoch of the receiver."""
-        if fix.has_fix:
-            self.error_ned_m = self.error_ned_m + 0.15 * (fix.pos_ned_m - state.pos_ned_m - self.error_ned_m)
-            self.vel_error_ned_m_s = 0.8 * self.vel_error_ned_m_s
-            return
-        # Dead reckoning on tilt: the velocity error walks, height is held by the barometer.
-        walk = 0.08 * np.sqrt(dt_s) * self._rng.standard_normal(2)
-        self.vel_error_ned_m_s = self.vel_error_ned_m_s + np.array([*walk, 0.0])
-        self.error_ned_m = self.error_ned_m + self.vel_error_ned_m_s * dt_s
-
-
 class Autopilot:
     """Bytes in, bytes out, and orders to the pilot and the receiver in between."""
 
     def __init__(
         self, telemetry: Telemetry, pilot: Pilot, receiver: GnssReceiver, frame: LocalFrame, system_id: int,
-        gimbal: GimbalManager | None = None, kind: VehicleKind = VEHICLES["helicopter"],
+        believed: BelievedPosition, gimbal: GimbalManager | None = None,
+        kind: VehicleKind = VEHICLES["helicopter"],
     ) -> None:  # fmt: skip
         self._telemetry, self._pilot, self._receiver, self._frame = telemetry, pilot, receiver, frame
         self._system_id, self._gimbal, self._kind = system_id, gimbal, kind
         self.on_ground = False
         self._outbox: list[bytes] = []
         self._missions = MissionStore(lambda message: self._outbox.append(telemetry.pack(message)))
+        self._parameters = ParameterStore(lambda message: self._outbox.append(telemetry.pack(message)))
+        self.navigation = NavigationInput(believed, self._parameters, frame, pilot.home_ned_m)
         self.armed = True
         self.say(mavlink.MAV_SEVERITY_INFO, f"Simulated {kind.said} ready")
 
@@ -86,13 +73,16 @@ class Autopilot:
         waiting, self._outbox = self._outbox, []
         return waiting
 
-    def receive(self, data: bytes, state: VehicleState, now: Snapshot) -> None:
-        """Act on one datagram from a ground station; ``state`` is where the autopilot takes itself to be."""
+    def receive(self, data: bytes, state: VehicleState, now: Snapshot, truth: VehicleState) -> None:
+        """Act on one datagram from a ground station.
+
+        ``state`` is where the autopilot takes itself to be, ``truth`` what it is told of its place is held against.
+        """
         for message in messages_in(data):
             kind = message.get_type()
             if kind in ("COMMAND_LONG", "COMMAND_INT"):
                 if message.target_system in (0, self._system_id):
-                    self._command(message, state, now)
+                    self._command(message, state, now, truth)
             elif kind == "TIMESYNC" and message.tc1 == 0:
                 answer = mavlink.MAVLink_timesync_message(now.t_boot_us * 1000, message.ts1)
                 self._outbox.append(self._telemetry.pack(answer))
@@ -103,12 +93,19 @@ class Autopilot:
             elif kind in KINDS:
                 if message.target_system == self._system_id:
                     self._missions.receive(message, now.t_boot_us)
+            elif kind in PARAMETER_KINDS:
+                if message.target_system == self._system_id:
+                    self._parameters.receive(message)
             else:
-                self._stream(kind, message, state, now)
+                self._stream(kind, message, state, now, truth)
 
-    def _stream(self, kind: str, message: Any, state: VehicleState, now: Snapshot) -> None:
+    def _stream(self, kind: str, message: Any, state: VehicleState, now: Snapshot, truth: VehicleState) -> None:
         """What comes many times a second and is not answered."""
-        if kind == "LANDING_TARGET":
+        if kind == "ODOMETRY":
+            self.navigation.odometry(message, truth)
+        elif kind == "GPS_INPUT":
+            self.navigation.gps_input(message, truth.t_us)
+        elif kind == "LANDING_TARGET":
             target = target_of(message, now.q_believed)
             if target is not None:
                 self._pilot.aim(state.pos_ned_m + target)
@@ -121,8 +118,11 @@ class Autopilot:
         elif self._gimbal is not None:
             self._gimbal.receive(message)
 
-    def _command(self, message: Any, state: VehicleState, now: Snapshot) -> None:
-        result = self._execute(message, state, now)
+    def _command(self, message: Any, state: VehicleState, now: Snapshot, truth: VehicleState) -> None:
+        if message.command == EXTERNAL_POSITION:
+            result = self.navigation.position(message, truth, now.fix)
+        else:
+            result = self._execute(message, state, now)
         answer = mavlink.MAVLink_command_ack_message(
             message.command, result, 255, 0, message.get_srcSystem(), message.get_srcComponent()
         )
@@ -137,7 +137,7 @@ class Autopilot:
             return self._request(message, now)
         if command in (CONFIGURE, PITCH_YAW) and self._gimbal is not None:
             return self._gimbal.command(message)
-        actions = {
+        actions: dict[int, Callable[[Any, VehicleState], int]] = {
             mavlink.MAV_CMD_SET_MESSAGE_INTERVAL: self._set_interval,
             mavlink.MAV_CMD_INJECT_FAILURE: self._inject_failure,
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
@@ -146,6 +146,7 @@ class Autopilot:
             mavlink.MAV_CMD_DO_ORBIT: self._orbit,
             mavlink.MAV_CMD_MISSION_START: self._start_mission,
             mavlink.MAV_CMD_NAV_TAKEOFF: self._take_off,
+            SET_SOURCES: lambda order, _: self.navigation.use_sources(order.param1),
         }
         act = actions.get(command)
         return int(_UNSUPPORTED) if act is None else act(message, state)

@@ -9,7 +9,8 @@ import numpy as np
 from estimator.geometry.earth import isa_pressure_alt_m
 from estimator.geometry.rotation import matrix_from_q, q_from_euler
 from estimator.types import Float
-from simulator.autopilot import Autopilot, BelievedPosition
+from simulator.autopilot import Autopilot
+from simulator.believed import BelievedPosition
 from simulator.gimbal_manager import GimbalManager
 from simulator.scenario import Scenario
 from simulator.sensors.attitude_filter import AttitudeFilter
@@ -85,7 +86,7 @@ class Simulation:
         manager = None if self._gimbal is None else GimbalManager(self._gimbal)
         self._telemetry = Telemetry(scenario.system_id, world.frame, manager, kind)
         self.autopilot = Autopilot(
-            self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id, manager, kind
+            self._telemetry, self.pilot, self._receiver, world.frame, scenario.system_id, self._believed, manager, kind
         )
         self._body_from_camera, self._lever_arm = mount.body_from_camera, mount.lever_arm_frd_m
         self._clock_offset_us = round(scenario.vehicle_clock_offset_s * 1e6)
@@ -137,13 +138,18 @@ class Simulation:
         """How far off the velocity (3,) is that the autopilot flies by."""
         return self._believed.vel_error_ned_m_s
 
+    @property
+    def believed_error_ned_m(self) -> Float:
+        """How far off (3,) the autopilot has itself."""
+        return self._believed.error_ned_m
+
     def receive(self, data: bytes) -> None:
         """A datagram from a ground station; nothing before the first step."""
         if self.state is not None and self._snapshot is not None:
             state = self.state
             if self.scenario.flight.by_belief:
                 state = replace(state, pos_ned_m=state.pos_ned_m + self._believed.error_ned_m)
-            self.autopilot.receive(data, state, self._snapshot)
+            self.autopilot.receive(data, state, self._snapshot, self.state)
 
     def step(self) -> StepOutput:
         """Advance by one step of 5 ms."""
@@ -214,7 +220,8 @@ class Simulation:
             pressure = self._barometer.pressure_pa(alt_amsl_m, _BARO_STEPS * STEP_US / 1e6)
             baro_is_new = True
         if before is None or self._steps % _GNSS_STEPS == 0:
-            fix = self._receiver.measure(state, _GNSS_STEPS * STEP_US / 1e6)
+            own = self._receiver.measure(state, _GNSS_STEPS * STEP_US / 1e6)
+            fix = self.autopilot.navigation.fix_in_use(own, state.t_us)
             self._believed.step(state, fix, _GNSS_STEPS * STEP_US / 1e6)
         if before is None or self._steps % _ATTITUDE_STEPS == 0:
             believed = self._attitude.step(state.q_ned_from_body, _ATTITUDE_STEPS * STEP_US / 1e6)

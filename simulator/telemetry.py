@@ -33,6 +33,7 @@ _DEFAULT_RATE_HZ = {
     mavlink.MAVLINK_MSG_ID_VFR_HUD: 4.0,
     mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 0.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
+    mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 0.0,
 }
 _GIMBAL_RATE_HZ = {
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 25.0,
@@ -100,6 +101,7 @@ class Telemetry:
             mavlink.MAVLINK_MSG_ID_VFR_HUD: self._vfr_hud,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: self._mission_current,
+            mavlink.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: self._origin,
         }
         if gimbal is not None:
             self._build |= {
@@ -189,6 +191,10 @@ class Telemetry:
         return mavlink.MAVLink_home_position_message(
             *(lat, lon, alt, 0.0, 0.0, 0.0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0), now.t_boot_us
         )
+
+    def _origin(self, now: Snapshot) -> Any:
+        """Its local frame begins at home."""
+        return mavlink.MAVLink_gps_global_origin_message(*self._geodetic(now.home_ned_m), now.t_boot_us)
 
     def _highres_imu(self, now: Snapshot) -> Any:
         fields = _IMU_FIELDS | (_BARO_FIELDS if now.baro_is_new else 0)

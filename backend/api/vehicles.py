@@ -11,9 +11,17 @@ from fastapi import APIRouter, Depends, Query, Response
 from backend.api.access import the_station
 from backend.errors import NoStateYetError
 from backend.fleet.vehicle import TrackSource, VehicleView
+from backend.link.aiding import AidingForm
 from backend.schemas.geometry import TrackCollection, TrackFeature, collection_of_tracks
 from backend.schemas.history import HistoryBody
-from backend.schemas.vehicles import CommandAccepted, CommandBody, NavigationBody, StateBody, VehicleBody
+from backend.schemas.vehicles import (
+    CommandAccepted,
+    CommandBody,
+    NavigationAnswer,
+    NavigationBody,
+    StateBody,
+    VehicleBody,
+)
 from backend.station import Station
 
 router = APIRouter(prefix="/api/v1/vehicles", tags=["vehicles"])
@@ -68,10 +76,19 @@ async def get_history(
 
 
 @router.post("/{vehicle_id}/navigation")
-async def set_navigation(vehicle_id: str, body: NavigationBody, station: TheStation) -> NavigationBody:
-    """Keep GPS from the estimator, or give it back."""
-    station.deny_gps(vehicle_id, body.gps_denied)
-    return body
+async def set_navigation(vehicle_id: str, body: NavigationBody, station: TheStation) -> NavigationAnswer:
+    """Keep GPS from the estimator or give it back; tell the autopilot where it is, or end that."""
+    vehicle = station.live_vehicle(vehicle_id)
+    if body.aiding == "off":
+        station.aidings.end(vehicle)
+    if body.gps_denied is not None:
+        if not body.gps_denied:
+            station.aidings.check_gps_may_return(vehicle)
+        station.deny_gps(vehicle_id, body.gps_denied)
+    if body.aiding is not None and body.aiding != "off":
+        station.aidings.begin(vehicle, AidingForm(body.aiding), body.page)
+    told = station.aidings.message(vehicle)
+    return NavigationAnswer(gps_denied=vehicle.gps_denied, aiding=told["form"] or "off")
 
 
 @router.post("/{vehicle_id}/commands", status_code=202)

@@ -12,12 +12,15 @@ from backend.link.events import (
     CommandResult,
     LinkEvent,
     LinkStats,
+    ParameterNews,
+    PositionAnswer,
     SampleEvent,
     StatusText,
     TelemetryGps,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
     TelemetryMission,
+    TelemetryOrigin,
     TelemetryPosition,
     TransferNews,
     VehicleAppeared,
@@ -40,7 +43,8 @@ class Fleet:
 
     What has to be told to others goes to ``say(kind, **fields)``, a new vehicle to ``on_heard``, and a vehicle whose
     estimator can be set up, now that it is known where it is or has long not been, to ``on_place``. News of mission
-    transfers go to ``on_transfer`` with the endpoint that they ran on, whichever the vehicle belongs to by then.
+    transfers go to ``on_transfer`` and of parameters to ``on_parameter`` with the endpoint that they ran on, whichever
+    the vehicle belongs to by then.
     """
 
     def __init__(
@@ -50,6 +54,7 @@ class Fleet:
         on_state: Callable[[LiveVehicle, StateUpdate], None],
         on_reports: Callable[[LiveVehicle, list[FixReport]], None],
         on_transfer: Callable[[str, TransferNews], None] = lambda *_: None,
+        on_parameter: Callable[[str, ParameterNews], None] = lambda *_: None,
     ) -> None:  # fmt: skip
         self.vehicles: dict[str, LiveVehicle] = {}
         self.link_stats: dict[str, dict[str, Any]] = {}
@@ -60,6 +65,7 @@ class Fleet:
         self._on_state = on_state
         self._on_reports = on_reports
         self._on_transfer = on_transfer
+        self._on_parameter = on_parameter
         self._commands: dict[tuple[str, int], tuple[str, str]] = {}
 
     def take(self, endpoint: str, event: LinkEvent) -> None:
@@ -69,6 +75,9 @@ class Fleet:
             return
         if isinstance(event, TransferNews):
             self._on_transfer(endpoint, event)
+            return
+        if isinstance(event, ParameterNews):
+            self._on_parameter(endpoint, event)
             return
         vehicle = self.vehicles.get(str(event.system_id))
         if vehicle is None:
@@ -131,6 +140,12 @@ class Fleet:
                 vehicle.local_position = event
             case TelemetryPosition():
                 vehicle.relative_alt_m = event.alt_rel_m
+                vehicle.own_position = event
+            case TelemetryOrigin():
+                vehicle.origin = event
+            case PositionAnswer():
+                vehicle.position_answers[event.status] += 1
+                vehicle.last_position_answer = event
             case VehicleLost():
                 vehicle.connected = False
                 self._say("vehicle", action="updated", vehicle=vehicle.summary())
@@ -138,6 +153,7 @@ class Fleet:
                 vehicle.connected = True
                 self._say("vehicle", action="updated", vehicle=vehicle.summary())
             case VehicleRebooted():
+                vehicle.origin = None
                 # The estimate of the time before the reboot means nothing to the samples after it.
                 if vehicle.setup is not None:
                     vehicle.navigate(vehicle.setup)

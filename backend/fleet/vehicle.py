@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
@@ -13,7 +14,16 @@ from backend.fleet.feed import FrameIdentity
 from backend.fleet.messages import state_fields
 from backend.fleet.telemetry import Telemetry, telemetry_fields
 from backend.fleet.tracks import TrackPoint, TrackRing
-from backend.link.events import Autopilot, TelemetryGps, TelemetryLocalPosition, VehicleType
+from backend.link.events import (
+    Autopilot,
+    CommandStatus,
+    PositionAnswer,
+    TelemetryGps,
+    TelemetryLocalPosition,
+    TelemetryOrigin,
+    TelemetryPosition,
+    VehicleType,
+)
 from backend.navigation.setup import NavigationSetup, Place
 from backend.navigation.worker import NavigationWorker, StateUpdate
 from estimator.landing.pad import Pad
@@ -94,6 +104,14 @@ class LiveVehicle:
         self.home: HomeSample | None = None
         self.relative_alt_m: float | None = None
         self.local_position: TelemetryLocalPosition | None = None
+        self.own_position: TelemetryPosition | None = None
+        self.origin: TelemetryOrigin | None = None
+        self.position_answers: Counter[CommandStatus] = Counter()
+        self.last_position_answer: PositionAnswer | None = None
+        self.aided = False
+        """Whether its autopilot is told where it is, or was a moment ago: then its home may be made of that."""
+        self.gps_is_echo = False
+        """Whether what it reports as its GPS is what the station sends it."""
         self.tracks = {"gps": TrackRing(), "vision": TrackRing()}
         self.latest: StateUpdate | None = None
         self.worker: NavigationWorker | None = None
@@ -169,7 +187,11 @@ class LiveVehicle:
 
     def offer(self, sample: Sample) -> None:
         """Take a sample of the link or the video."""
+        if self.gps_is_echo and isinstance(sample, GnssSample):
+            return
         if isinstance(sample, HomeSample):
+            if self.aided and self.home is not None:
+                return
             self.home = sample
         if isinstance(sample, FrameSample) and (self._setup is None or not self._setup.has_camera):
             return
@@ -177,8 +199,8 @@ class LiveVehicle:
             self.worker.offer(sample)
 
     def take_gps(self, reading: GpsReading) -> None:
-        """Take the receiver's report, for display and the GPS track."""
-        self.gps = reading
+        """Take the receiver's report, for display and the GPS track; an echo is no report of a receiver."""
+        self.gps = reading = GpsReading(reading.t_us, 0, None) if self.gps_is_echo else reading
         if reading.has_fix and reading.lat_deg is not None and reading.lon_deg is not None:
             point = TrackPoint(reading.t_us, 1, reading.lat_deg, reading.lon_deg, reading.alt_amsl_m or 0.0)
             self.tracks["gps"].add(point)

@@ -15,7 +15,7 @@ from backend.guided.pilot import GuidedPilot, Wires
 from backend.schemas.vehicles import CommandBody
 from estimator.types import NavigationState
 
-GOOD_NEWS = frozenset({"landed", "over_home"})
+GOOD_NEWS = frozenset({"landed", "over_home", "position_aiding_resumed"})
 
 _log = structlog.get_logger(__name__)
 

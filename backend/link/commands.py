@@ -20,7 +20,7 @@ _ACK_TIMEOUT_US = 1_500_000
 _ATTEMPTS = 4
 _PROGRESS_TIMEOUT_US = 30_000_000
 _ACCEPTED, _IN_PROGRESS = 0, 5
-_RESULTS = {
+RESULTS = {
     0: CommandStatus.ACCEPTED,
     1: CommandStatus.TEMPORARILY_REJECTED,
     2: CommandStatus.DENIED,
@@ -109,7 +109,7 @@ class CommandChannel:
         running = self._running.get(m.command)
         if running is None:
             return []
-        status = _RESULTS.get(m.result, CommandStatus.FAILED)
+        status = RESULTS.get(m.result, CommandStatus.FAILED)
         if status is CommandStatus.IN_PROGRESS:
             running.deadline_us = t_us + _PROGRESS_TIMEOUT_US
             running.attempts = _ATTEMPTS

@@ -242,6 +242,53 @@ class TransferNews:
         return self.status is not CommandStatus.IN_PROGRESS
 
 
+class ParameterStatus(StrEnum):
+    """How a read or write of a parameter ended; ``UNKNOWN``: the vehicle has none of that name."""
+
+    KNOWN = "known"
+    WRITTEN = "written"
+    UNKNOWN = "unknown"
+    REFUSED = "refused"
+    TIMEOUT = "timeout"
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterNews:
+    """What became of a parameter ``asked`` for with ``VehicleLink.read_parameters`` or ``write_parameter``.
+
+    ``name`` is how the vehicle spells it; ``value`` is what it holds, None where that is not known.
+    """
+
+    t_us: int
+    system_id: int
+    request_id: int
+    asked: str
+    name: str
+    status: ParameterStatus
+    text: str
+    value: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryOrigin:
+    """Where the autopilot's own local frame begins, as it says itself."""
+
+    t_us: int
+    system_id: int
+    lat_rad: float
+    lon_rad: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class PositionAnswer:
+    """What the autopilot said to a position that was given to it by command."""
+
+    t_us: int
+    system_id: int
+    status: CommandStatus
+
+
 @dataclass(frozen=True, slots=True)
 class LinkStats:
     """The state of the link to one vehicle over the last second, and totals since it appeared.
@@ -286,5 +333,8 @@ LinkEvent = (
     | TelemetryMission
     | CommandResult
     | TransferNews
+    | ParameterNews
+    | TelemetryOrigin
+    | PositionAnswer
     | LinkStats
 )

@@ -155,6 +155,23 @@ class VehicleLink:
         vehicle.transfer(transfer_id, action, kind, items)
         return transfer_id
 
+    def read_parameters(self, system_id: int, names: Sequence[str]) -> int:
+        """Ask for parameters; a ``ParameterNews`` for each name carries the id given here.
+
+        Raises UnknownVehicleError as ``command`` does, ValueError for what can be no name.
+        """
+        vehicle = self._known(system_id)
+        request_id = next(self._command_ids)
+        vehicle.parameters.read(request_id, names)
+        return request_id
+
+    def write_parameter(self, system_id: int, name: str, value: float) -> int:
+        """Change a parameter; its ``ParameterNews`` carries the id given here. Raises as ``read_parameters``."""
+        vehicle = self._known(system_id)
+        request_id = next(self._command_ids)
+        vehicle.parameters.write(request_id, name, value)
+        return request_id
+
     def request_rate(self, system_id: int, msg_id: int, rate_hz: float) -> None:
         """Ask a vehicle for one more message. Raises UnknownVehicleError as ``command`` does."""
         self._known(system_id).request_rate(msg_id, rate_hz, next(self._command_ids))

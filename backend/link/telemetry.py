@@ -15,6 +15,7 @@ from backend.link.events import (
     TelemetryGps,
     TelemetryHeartbeat,
     TelemetryMission,
+    TelemetryOrigin,
     TelemetryPosition,
     TelemetrySpeed,
     TelemetryWind,
@@ -26,6 +27,7 @@ SYS_STATUS = 1
 GPS_RAW_INT = 24
 GLOBAL_POSITION_INT = 33
 MISSION_CURRENT = 42
+GPS_GLOBAL_ORIGIN = 49
 VFR_HUD = 74
 BATTERY_STATUS = 147
 WIND = 168
@@ -115,6 +117,13 @@ def _position(m: Any, t_us: int, system_id: int) -> TelemetryPosition | None:
     )
 
 
+def _origin(m: Any, t_us: int, system_id: int) -> TelemetryOrigin | None:
+    if (m.latitude == 0 and m.longitude == 0) or abs(m.latitude) > 900_000_000 or abs(m.longitude) > 1_800_000_000:
+        return None
+    lat_rad, lon_rad = math.radians(m.latitude * 1e-7), math.radians(m.longitude * 1e-7)
+    return TelemetryOrigin(t_us, system_id, lat_rad, lon_rad, m.altitude * 1e-3)
+
+
 def _speed(m: Any, t_us: int, system_id: int) -> TelemetrySpeed | None:
     if not (math.isfinite(m.airspeed) and math.isfinite(m.groundspeed)):
         return None
@@ -144,6 +153,7 @@ TELEMETRY: dict[int, Callable[[Any, int, int], LinkEvent | None]] = {
     SYS_STATUS: _battery_from_sys_status,
     GPS_RAW_INT: _gps,
     GLOBAL_POSITION_INT: _position,
+    GPS_GLOBAL_ORIGIN: _origin,
     VFR_HUD: _speed,
     MISSION_CURRENT: _mission,
     BATTERY_STATUS: _battery_from_battery_status,

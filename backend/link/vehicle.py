@@ -7,14 +7,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from backend.link import telemetry
+from backend.link.aiding import EXTERNAL_POSITION_ESTIMATE
 from backend.link.cameras import Cameras
-from backend.link.commands import CommandChannel, CommandStep
+from backend.link.commands import RESULTS, CommandChannel, CommandStep
 from backend.link.dialect import message_layouts
 from backend.link.events import (
     Autopilot,
     CommandResult,
+    CommandStatus,
     LinkEvent,
     LinkStats,
+    PositionAnswer,
     SampleEvent,
     TelemetryHeartbeat,
     TelemetryLocalPosition,
@@ -28,6 +31,7 @@ from backend.link.framing import RawPacket
 from backend.link.gimbals import Gimbals
 from backend.link.missions import MESSAGES as MISSION_MESSAGES
 from backend.link.missions import MissionChannel
+from backend.link.parameters import PARAM_VALUE, ParameterChannel
 from backend.link.rates import RateRequests
 from backend.link.samples import SMALLEST_UNIX_US, SampleMaker
 from backend.link.stats import PacketStats
@@ -68,6 +72,7 @@ class Vehicle:
         self._texts = telemetry.StatusTexts(self.system_id)
         self._commands = CommandChannel(self.system_id, component_id)
         self._missions = MissionChannel(self.system_id, component_id, station)
+        self.parameters = ParameterChannel(self.system_id, component_id, first.autopilot)
         self._cameras = Cameras(self.system_id, component_id)
         self.gimbals = Gimbals(component_id)
         self._rates = RateRequests(rates_hz or {})
@@ -134,6 +139,7 @@ class Vehicle:
             self.stats.forget_sequence()
             events.append(VehicleRebooted(t_us, self.system_id))
             events += self._missions.restarted(t_us)
+            events += self.parameters.restarted(t_us)
 
     def _on_heartbeat(self, m: Any, _component_id: int, t_us: int) -> Iterator[LinkEvent]:
         heartbeat = telemetry.heartbeat(m, t_us, self.system_id)
@@ -161,14 +167,21 @@ class Vehicle:
         return self._texts.add(m, component_id, t_us)
 
     def _on_command_ack(self, m: Any, _component_id: int, t_us: int) -> list[LinkEvent]:
+        if m.command == EXTERNAL_POSITION_ESTIMATE:
+            # It is sent beside the commands: a repeat would bring an old position.
+            status = RESULTS.get(m.result, CommandStatus.FAILED)
+            return [PositionAnswer(t_us, self.system_id, status)]
         return self._report(self._commands.acknowledge(m, t_us))
 
     def _on_mission(self, m: Any, _component_id: int, t_us: int) -> list[LinkEvent]:
         return list(self._missions.receive(m, t_us))
 
+    def _on_parameter(self, m: Any, _component_id: int, t_us: int) -> list[LinkEvent]:
+        return list(self.parameters.receive(m, t_us))
+
     def answers(self) -> list[Any]:
         """Messages that answer what was received; each is given once."""
-        return self._missions.take_messages()
+        return self._missions.take_messages() + self.parameters.take_messages()
 
     # --- asking ---
 
@@ -234,11 +247,13 @@ class Vehicle:
             events.append(VehicleLost(t_us, self.system_id, self.last_heartbeat_us))
             events += self._report(self._commands.abandon(t_us))
             events += self._missions.abandon(t_us)
+            events += self.parameters.abandon(t_us)
             events += self._cameras.abandon(t_us)
         messages, results = self._commands.tick(t_us)
         events += self._report(results)
         events += self._missions.tick(t_us)
-        messages += self._missions.take_messages()
+        events += self.parameters.tick(t_us)
+        messages += self.answers()
         to_cameras, of_cameras = self._cameras.tick(t_us)
         messages += to_cameras
         events += of_cameras
@@ -252,6 +267,7 @@ class Vehicle:
         self._next_stats_us = t_us
         self._commands.clock_set_back(t_us)
         self._missions.clock_set_back(t_us)
+        self.parameters.clock_set_back(t_us)
         self._cameras.clock_set_back(t_us)
 
     def due_stats(self, t_us: int, noise_bytes: int, unknown_packets: int) -> list[LinkEvent]:
@@ -290,5 +306,6 @@ _HANDLERS: dict[int, Callable[[Vehicle, Any, int, int], Any]] = {
     _COMMAND_ACK: Vehicle._on_command_ack,
     _LOCAL_POSITION_NED: Vehicle._on_local_position,
     telemetry.STATUSTEXT: Vehicle._on_status_text,
+    PARAM_VALUE: Vehicle._on_parameter,
     **dict.fromkeys(MISSION_MESSAGES, Vehicle._on_mission),
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class _Body(BaseModel):
@@ -58,9 +58,28 @@ class StateBody(BaseModel):
 
 
 class NavigationBody(_Body):
-    """What the estimator may use."""
+    """What the estimator may use, and whether the autopilot is told where the vehicle is: what is named is changed.
+
+    ``aiding`` ends with the ``page`` that began it, which names itself when it opens the stream.
+    """
+
+    gps_denied: bool | None = None
+    aiding: Literal["off", "external_position", "odometry", "gps_input", "global_position_sensor"] | None = None
+    page: str | None = Field(default=None, min_length=1, max_length=64)
+
+    @model_validator(mode="after")
+    def _says_something(self) -> NavigationBody:
+        if self.gps_denied is None and self.aiding is None:
+            message = "nothing to change: give gps_denied or aiding"
+            raise ValueError(message)
+        return self
+
+
+class NavigationAnswer(_Body):
+    """How it is now."""
 
     gps_denied: bool
+    aiding: Literal["off", "external_position", "odometry", "gps_input", "global_position_sensor"]
 
 
 class CommandBody(_Body):

@@ -3,7 +3,7 @@
 import createClient, { type Client } from 'openapi-fetch';
 import type { paths } from './schema';
 import { RestPlans, type PlanApi } from './plans';
-import type { Command, Flight, Footprint, History, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
+import type { AidingCheck, AidingForm, Command, Flight, Footprint, History, Homing, HomingRequest, HomingWish, LocatedPixel, MapSummary, Matchability, Pad, Pointing, Problem, Target, TrackCollection } from './types';
 
 /** Whether it is looked for in every picture now. */
 export function isFollowed(target: Target): boolean {
@@ -79,6 +79,10 @@ export interface StationApi {
   pictureUrl(target: Target, size_px: number): string;
   exportUrl(format: string): string;
   denyGps(vehicle_id: string, gps_denied: boolean): Promise<void>;
+  /** Takes seconds: the vehicle is asked for its parameters. */
+  checkAiding(vehicle_id: string, form: AidingForm | null): Promise<AidingCheck>;
+  /** What is begun here ends with this page. */
+  aid(vehicle_id: string, aiding: AidingForm | 'off'): Promise<void>;
   injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string>;
   /** The id under which its acknowledgements come on the stream. */
   command(vehicle_id: string, command: Command): Promise<string>;
@@ -220,6 +224,16 @@ export class RestApi implements StationApi {
   async denyGps(vehicle_id: string, gps_denied: boolean): Promise<void> {
     const params = { path: { vehicle_id } };
     await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/navigation', { params, body: { gps_denied } }));
+  }
+
+  checkAiding(vehicle_id: string, form: AidingForm | null): Promise<AidingCheck> {
+    const params = { path: { vehicle_id }, query: form ? { form } : {} };
+    return this.answer(this.client.GET('/api/v1/vehicles/{vehicle_id}/aiding', { params }));
+  }
+
+  async aid(vehicle_id: string, aiding: AidingForm | 'off'): Promise<void> {
+    const body = this.page ? { aiding, page: this.page } : { aiding };
+    await this.answer(this.client.POST('/api/v1/vehicles/{vehicle_id}/navigation', { params: { path: { vehicle_id } }, body }));
   }
 
   async injectGpsFailure(vehicle_id: string, failure: 'off' | 'ok'): Promise<string> {

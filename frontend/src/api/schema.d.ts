@@ -176,7 +176,7 @@ export interface paths {
         put?: never;
         /**
          * Set Navigation
-         * @description Keep GPS from the estimator, or give it back.
+         * @description Keep GPS from the estimator or give it back; tell the autopilot where it is, or end that.
          */
         post: operations["set_navigation_api_v1_vehicles__vehicle_id__navigation_post"];
         delete?: never;
@@ -199,6 +199,68 @@ export interface paths {
          * @description Send a command; how it ended follows as an ``ack`` message on the stream.
          */
         post: operations["send_command_api_v1_vehicles__vehicle_id__commands_post"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/parameters": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Parameters
+         * @description What the vehicle says of each ``name``; it takes seconds where it has none of that name.
+         */
+        get: operations["get_parameters_api_v1_vehicles__vehicle_id__parameters_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/parameters/{name}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        /**
+         * Put Parameter
+         * @description Change a parameter; it is changed when this returns, as the vehicle has said what it holds then.
+         */
+        put: operations["put_parameter_api_v1_vehicles__vehicle_id__parameters__name__put"];
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/api/v1/vehicles/{vehicle_id}/aiding": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Aiding
+         * @description Whether the autopilot's parameters allow a form, and how it stands; it is turned on and off by ``navigation``.
+         *
+         *     The parameters are asked of the vehicle each time, which takes seconds where it does not know one.
+         */
+        get: operations["get_aiding_api_v1_vehicles__vehicle_id__aiding_get"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -920,6 +982,33 @@ export interface components {
             reason: string;
         };
         /**
+         * AidingCheckBody
+         * @description Whether an autopilot can be told in one form.
+         *
+         *     ``forms`` are those that it takes, the best first. ``parameters_ok`` is null where one is not known and none is
+         *     wrong. ``to_do`` is what else there is to do, ``objection`` why it cannot be begun now; both may be empty.
+         */
+        AidingCheckBody: {
+            /** Forms */
+            forms: ("external_position" | "odometry" | "gps_input" | "global_position_sensor")[];
+            /**
+             * Form
+             * @enum {string}
+             */
+            form: "external_position" | "odometry" | "gps_input" | "global_position_sensor";
+            /** Last Resort */
+            last_resort: boolean;
+            /** Parameters */
+            parameters: components["schemas"]["CheckedBody"][];
+            /** Parameters Ok */
+            parameters_ok: boolean | null;
+            /** To Do */
+            to_do: string;
+            /** Objection */
+            objection: string;
+            status: components["schemas"]["PositionAidingBody"];
+        };
+        /**
          * AlignmentAccepted
          * @description The measurement was handed to the estimator; a ``fix`` message of kind ``operator`` says what it made of it.
          *
@@ -976,6 +1065,22 @@ export interface components {
             name?: string | null;
             /** Kind */
             kind?: ("imagery" | "elevation") | null;
+        };
+        /**
+         * CheckedBody
+         * @description A parameter that counts; ``ok`` is null where the vehicle does not say.
+         */
+        CheckedBody: {
+            /** Name */
+            name: string;
+            /** Value */
+            value: number | null;
+            /** Should Be */
+            should_be: string;
+            /** Ok */
+            ok: boolean | null;
+            /** Text */
+            text: string;
         };
         /**
          * CommandAccepted
@@ -1622,12 +1727,31 @@ export interface components {
             datum: ("amsl" | "home" | "ground") | null;
         };
         /**
+         * NavigationAnswer
+         * @description How it is now.
+         */
+        NavigationAnswer: {
+            /** Gps Denied */
+            gps_denied: boolean;
+            /**
+             * Aiding
+             * @enum {string}
+             */
+            aiding: "off" | "external_position" | "odometry" | "gps_input" | "global_position_sensor";
+        };
+        /**
          * NavigationBody
-         * @description What the estimator may use.
+         * @description What the estimator may use, and whether the autopilot is told where the vehicle is: what is named is changed.
+         *
+         *     ``aiding`` ends with the ``page`` that began it, which names itself when it opens the stream.
          */
         NavigationBody: {
             /** Gps Denied */
-            gps_denied: boolean;
+            gps_denied?: boolean | null;
+            /** Aiding */
+            aiding?: ("off" | "external_position" | "odometry" | "gps_input" | "global_position_sensor") | null;
+            /** Page */
+            page?: string | null;
         };
         /**
          * NewTarget
@@ -1680,6 +1804,40 @@ export interface components {
             description: {
                 [key: string]: unknown;
             };
+        };
+        /**
+         * ParameterBody
+         * @description A parameter ``asked`` for, and its ``name`` as the vehicle spells it; ``value`` is null where that is not known.
+         *
+         *     ``unknown``: the vehicle has none of that name. ``timeout``: it did not answer. ``refused``: ``text`` says why.
+         */
+        ParameterBody: {
+            /** Asked */
+            asked: string;
+            /** Name */
+            name: string;
+            /** Value */
+            value: number | null;
+            /**
+             * Status
+             * @enum {string}
+             */
+            status: "known" | "written" | "unknown" | "refused" | "timeout";
+            /** Text */
+            text: string;
+        };
+        /**
+         * ParameterChange
+         * @description What a parameter shall be; of an armed vehicle only where ``armed`` says that this is meant.
+         */
+        ParameterChange: {
+            /** Value */
+            value: number;
+            /**
+             * Armed
+             * @default false
+             */
+            armed: boolean;
         };
         /**
          * PathFeature
@@ -1802,6 +1960,47 @@ export interface components {
             type: "Point";
             /** Coordinates */
             coordinates: number[];
+        };
+        /**
+         * PositionAidingBody
+         * @description How it stands; the fields of the stream's ``aiding`` message.
+         *
+         *     ``reason`` says why nothing is sent now. ``accepted`` and ``refused`` count the autopilot's answers, to
+         *     ``external_position`` only. ``gap_…_m`` are from the estimate to where the autopilot has itself, when it began and
+         *     now. ``effect`` is whether the autopilot uses it, and ``effect_text`` why that is said.
+         */
+        PositionAidingBody: {
+            /** Vehicle Id */
+            vehicle_id: string;
+            /** On */
+            on: boolean;
+            /** Form */
+            form: ("external_position" | "odometry" | "gps_input" | "global_position_sensor") | null;
+            /** Last Resort */
+            last_resort: boolean;
+            /** Sending */
+            sending: boolean;
+            /** Sent */
+            sent: number;
+            /** Reason */
+            reason: string;
+            /** Accepted */
+            accepted: number;
+            /** Refused */
+            refused: number;
+            /** Gap Began M */
+            gap_began_m: number | null;
+            /** Gap Now M */
+            gap_now_m: number | null;
+            /** Std Horizontal M */
+            std_horizontal_m: number | null;
+            /**
+             * Effect
+             * @enum {string}
+             */
+            effect: "used" | "not_used" | "cannot_tell";
+            /** Effect Text */
+            effect_text: string;
         };
         /**
          * ProblemKind
@@ -2719,7 +2918,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["NavigationBody"];
+                    "application/json": components["schemas"]["NavigationAnswer"];
                 };
             };
             /** @description A problem (RFC 9457) */
@@ -2768,6 +2967,147 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["CommandAccepted"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_parameters_api_v1_vehicles__vehicle_id__parameters_get: {
+        parameters: {
+            query: {
+                name: string[];
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParameterBody"][];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    put_parameter_api_v1_vehicles__vehicle_id__parameters__name__put: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                vehicle_id: string;
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ParameterChange"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ParameterBody"];
+                };
+            };
+            /** @description A problem (RFC 9457) */
+            default: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": {
+                        /** Type */
+                        type: string;
+                        /** Title */
+                        title: string;
+                        /** Status */
+                        status: number;
+                        /** Detail */
+                        detail: string;
+                        /** Errors */
+                        errors?: {
+                            [key: string]: unknown;
+                        }[] | null;
+                    };
+                };
+            };
+        };
+    };
+    get_aiding_api_v1_vehicles__vehicle_id__aiding_get: {
+        parameters: {
+            query?: {
+                form?: ("external_position" | "odometry" | "gps_input" | "global_position_sensor") | null;
+            };
+            header?: never;
+            path: {
+                vehicle_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["AidingCheckBody"];
                 };
             };
             /** @description A problem (RFC 9457) */

@@ -48,6 +48,9 @@ export type HomingRequest = Schemas['HomingRequest'];
 export type Way = Schemas['WayBody'];
 /** What is not said is as the station has it. */
 export type HomingWish = Pick<HomingRequest, 'action'> & Partial<Omit<HomingRequest, 'page'>>;
+export type Aiding = Schemas['PositionAidingBody'];
+export type AidingCheck = Schemas['AidingCheckBody'];
+export type AidingForm = AidingCheck['form'];
 export type PadSeen = Schemas['SeenBody'];
 export type History = Schemas['HistoryBody'];
 export type HistoryEvent = Schemas['HistoryEvent'];
@@ -274,6 +277,8 @@ export interface ReplayPreparingMessage extends Envelope {
 export type LandingMessage = Envelope & Landing & { type: 'landing' };
 
 export type HomingMessage = Envelope & Homing & { type: 'homing' };
+/** While the autopilot is told where the vehicle is. */
+export type AidingMessage = Envelope & Aiding & { type: 'aiding' };
 
 /** Another pad is looked for, or none. */
 export interface PadMessage extends Envelope {
@@ -314,6 +319,7 @@ export type StationMessage =
   | ReplayPreparingMessage
   | LandingMessage
   | HomingMessage
+  | AidingMessage
   | PadMessage
   | PlanMessage
   | WaitingMessage

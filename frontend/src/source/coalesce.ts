@@ -13,6 +13,7 @@ export function coalescingKey(message: StationMessage): string | null {
     case 'replay_preparing':
     case 'landing':
     case 'homing':
+    case 'aiding':
       return `${message.type}/${message.vehicle_id}`;
     case 'fix':
       // What became of an operator's alignment is an answer.

@@ -193,6 +193,8 @@ class FakeStation implements Source {
       this.denied = denied;
       return Promise.resolve();
     },
+    checkAiding: () => Promise.reject(new Error('no autopilot is told anything here')),
+    aid: () => Promise.reject(new Error('no autopilot is told anything here')),
     injectGpsFailure: (_id, failure) => {
       this.cut = failure === 'off';
       return Promise.resolve('1');

@@ -1,6 +1,7 @@
 /** Everything the page knows, as a fold over the station's messages. Pure: `state = reduce(state, message)`. */
 
 import type {
+  AidingMessage,
   AckMessage,
   Alarm,
   FixMessage,
@@ -41,6 +42,7 @@ export interface Vehicle {
   replay: ReplayMessage | null;
   landing: LandingMessage | null;
   homing: HomingMessage | null;
+  aiding: AidingMessage | null;
 }
 
 export interface Mission {
@@ -88,6 +90,7 @@ export function newVehicle(id: string, summary: VehicleSummary | null = null): V
     replay: null,
     landing: null,
     homing: null,
+    aiding: null,
   };
 }
 
@@ -234,6 +237,8 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
       return withVehicle(mission, message.vehicle_id, { landing: message });
     case 'homing':
       return withVehicle(mission, message.vehicle_id, { homing: message });
+    case 'aiding':
+      return withVehicle(mission, message.vehicle_id, { aiding: message });
     case 'pad':
       return { ...mission, padRevision: mission.padRevision + 1 };
     case 'waiting':
