@@ -130,6 +130,16 @@ export interface TelemetryMessage extends Envelope {
   battery_pct: Maybe<number>;
   battery_v: Maybe<number>;
   airspeed_m_s: Maybe<number>;
+  // An older station does not say these. Each age is of the value before it.
+  battery_a?: Maybe<number>;
+  battery_age_s?: Maybe<number>;
+  airspeed_age_s?: Maybe<number>;
+  /** Above the autopilot's home, by the autopilot. */
+  alt_rel_m?: Maybe<number>;
+  alt_rel_age_s?: Maybe<number>;
+  wind_speed_m_s?: Maybe<number>;
+  wind_from_deg?: Maybe<number>;
+  wind_age_s?: Maybe<number>;
 }
 
 export interface LinkMessage extends Envelope {
