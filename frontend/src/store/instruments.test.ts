@@ -64,6 +64,11 @@ describe('instruments', () => {
     expect([all['airspeed']!.stale, all['above-home']!.stale, all['battery']!.stale]).toEqual([true, false, false]);
   });
 
+  it('leave the decimals out beside hundreds', () => {
+    const lost = { ...vehicle, state: { ...vehicle.state!, std_n_m: 103.91, ellipse95: { semi_major_m: 258.8, semi_minor_m: 209.4, azimuth_deg: 0 } } };
+    expect(read(lost)['sigma']).toMatchObject({ value: '104 1 2', below: '95 % 259 × 209 m' });
+  });
+
   it('do not age with a replay that stands', () => {
     const replay = { paused: true } as Vehicle['replay'];
     const old = { state: 60, gps: 60, telemetry: 60, link: 60, video: 60 };
@@ -71,7 +76,7 @@ describe('instruments', () => {
   });
 
   it('warn of a low battery, and fall back to its voltage', () => {
-    expect(read(vehicle)['battery']).toMatchObject({ tone: 'bad', below: '22.4 V · 15 A' });
+    expect(read(vehicle)['battery']).toMatchObject({ tone: 'bad', below: '22.4 V 15 A' });
     const volts = { ...vehicle, telemetry: { ...vehicle.telemetry!, battery_pct: null } };
     expect(read(volts)['battery']).toMatchObject({ value: '22.4', unit: 'V', tone: 'none' });
   });

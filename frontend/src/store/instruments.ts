@@ -95,7 +95,7 @@ function batteryReading(telemetry: TelemetryMessage | null, heard: Heard): Readi
     // An autopilot without a battery monitor's capacity knows the voltage alone.
     value: pct !== null ? formatNumber(pct) : formatNumber(volts, 1),
     unit: pct !== null || volts === null ? '%' : 'V',
-    below: more.filter(Boolean).join(' · '),
+    below: more.filter(Boolean).join(' '),
     tone,
   };
   return aged(part, since(telemetry?.battery_age_s, heard.telemetry), STALE_S.battery);
@@ -137,12 +137,12 @@ function gpsReading(gps: GpsMessage | null, heard: Heard, units: Units): Reading
 function videoReading(vehicle: Vehicle | null, video: VideoMessage | null, heard: Heard, times: PictureTimes): Reading {
   const words = videoWords(vehicle);
   const ms = (value: Quantity) => formatNumber(value);
-  const stages = `${ms(video?.latency_ms)} in · ${ms(times.received_ms)} net · ${ms(times.decoded_ms)} dec · ${ms(times.drawn_ms)} drawn`;
+  const stages = `${ms(video?.latency_ms)} in · ${ms(times.received_ms)} net · ${ms(times.decoded_ms)} dec · ${ms(times.drawn_ms)} all`;
   const flowing = video?.status === 'flowing';
   const part: Part = {
     id: 'video',
     label: 'Video, ms',
-    title: `${words.detail}. Medians in milliseconds: in, from the camera's bytes to the station's picture; net, from the station to this page; dec, decoded here; drawn, from the station to the screen in all`,
+    title: `${words.detail}. Medians in milliseconds: in, from the camera's bytes to the station's picture; net, from the station to this page; dec, decoded here; all, from the station to the screen`,
     value: flowing ? formatNumber(video.fps) : words.text,
     unit: flowing ? 'fps' : '',
     below: flowing ? stages : '',
@@ -151,20 +151,26 @@ function videoReading(vehicle: Vehicle | null, video: VideoMessage | null, heard
   return aged(part, heard.video, STALE_S.video);
 }
 
+/** Decimals mean nothing beside hundreds, and there is no room for them. */
+function sigmaShown(sigmas_m: readonly Quantity[], units: Units) {
+  const shown = lengthShown(units, 1);
+  return sigmas_m.some((std_m) => (inUnit(std_m, shown) ?? 0) >= 99.95) ? lengthShown(units) : shown;
+}
+
 function estimateReadings(vehicle: Vehicle | null, heard: Heard, units: Units): Reading[] {
   const state = vehicle?.state ?? null;
   const fix_s = state?.last_fix_age_s ?? null;
   const refused = vehicle?.fix && !vehicle.fix.accepted ? `; last refused: ${vehicle.fix.reason}` : '';
   const counts = `${vehicle?.fixesAccepted ?? 0} accepted, ${vehicle?.fixesRejected ?? 0} refused${refused}`;
-  const length = lengthShown(units, 1);
   const sigmas = [state?.std_n_m, state?.std_e_m, state?.std_d_m];
+  const length = sigmaShown(sigmas, units);
   const fix: Part = {
     id: 'fix',
     label: 'Last fix',
-    title: `Time since the last accepted vision fix; ${counts}`,
+    title: `Time since the last accepted vision fix; ${counts}. The estimator flies by ${state?.process_model?.replaceAll('_', ' ') ?? DASH}`,
     value: fix_s === null ? DASH : formatAge(fix_s),
     unit: '',
-    below: state ? `${state.mode.replaceAll('_', ' ')}, ${(state.process_model ?? '').replaceAll('_', ' ')}` : '',
+    below: state ? state.mode.replaceAll('_', ' ') : '',
     tone: fixAgeTone(fix_s),
   };
   const sigma: Part = {
@@ -173,7 +179,7 @@ function estimateReadings(vehicle: Vehicle | null, heard: Heard, units: Units): 
     title: 'One standard deviation north, east and down; and the semi-axes of the ellipse that holds the position with 95 % probability',
     value: state ? sigmas.map((std_m) => numberIn(std_m, length)).join(' ') : DASH,
     unit: '',
-    below: `95 % ${formatAxes(state?.ellipse95, units)}`,
+    below: `95 % ${formatAxes(state?.ellipse95, units, length.digits)}`,
     tone: 'none',
   };
   return [aged(fix, heard.state, STALE_S.state), aged(sigma, heard.state, STALE_S.state)];
