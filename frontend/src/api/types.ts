@@ -146,6 +146,16 @@ export interface TelemetryMessage extends Envelope {
   /** The item of its mission that the vehicle flies to, from 1. */
   mission_item?: Maybe<number>;
   home?: Maybe<{ lat_deg: number; lon_deg: number; alt_amsl_m: number }>;
+  // An older station does not say these. Each age is of the value before it.
+  battery_a?: Maybe<number>;
+  battery_age_s?: Maybe<number>;
+  airspeed_age_s?: Maybe<number>;
+  /** Above the autopilot's home, by the autopilot. */
+  alt_rel_m?: Maybe<number>;
+  alt_rel_age_s?: Maybe<number>;
+  wind_speed_m_s?: Maybe<number>;
+  wind_from_deg?: Maybe<number>;
+  wind_age_s?: Maybe<number>;
 }
 
 export interface LinkMessage extends Envelope {

@@ -7,9 +7,11 @@ import type { CoordinateFormat } from '../geo/format';
 import type { Units } from '../geo/units';
 import type { ConnectionStatus, Feed, Source } from '../source/source';
 import { StateHistory } from '../store/history';
-import { isReplay, NO_MISSION, reduce, withTarget, type Mission, type Vehicle } from '../store/mission';
+import { isReplay, NO_MISSION, reduce, videoVehicle, withTarget, type Mission, type Vehicle } from '../store/mission';
+import type { Heard, PictureTimes } from '../store/instruments';
 import { PadOutlines } from '../store/landing';
 import { SightingBook } from '../store/sightings';
+import { copyText } from '../store/targetList';
 import { TrackBook } from '../store/tracks';
 import { EventBook } from '../store/events';
 import { SeriesBook } from '../store/series';
@@ -18,11 +20,33 @@ import { BROWSER_TIMERS } from '../video/latest';
 import { Aim } from './aim.svelte';
 import { Fly } from './fly.svelte';
 import { TimeCursor } from './time.svelte';
+import { AlarmDesk, speak } from './alarmDesk.svelte';
 import { MatchOverlay } from './overlay.svelte';
 import { Preferences } from './preferences.svelte';
 import { Planner } from './planner.svelte';
 
 export type Tab = 'targets' | 'fly' | 'plan' | 'landing' | 'alarms' | 'flights' | 'maps';
+
+/** In the order they are shown; the number keys open them. */
+export const TABS: readonly { id: Tab; label: string }[] = [
+  { id: 'targets', label: 'Targets' },
+  { id: 'fly', label: 'Fly' },
+  { id: 'plan', label: 'Plan' },
+  { id: 'landing', label: 'Landing' },
+  { id: 'alarms', label: 'Alarms' },
+  { id: 'flights', label: 'Flights' },
+  { id: 'maps', label: 'Maps' },
+];
+
+/** What the palette may ask of the video. */
+export interface VideoControls {
+  togglePause: () => void;
+  live: () => void;
+  step: (frames: number) => void;
+  toggleHud: () => void;
+  crosshair: () => void;
+  stopTracking: () => void;
+}
 
 export interface Notice {
   id: number;
@@ -34,6 +58,7 @@ export interface Notice {
 const NOTICE_MS = { info: 3500, error: 12_000 };
 const UNDO_MS = 8000;
 const REMEMBERED_STEP_US = 500_000;
+const UNHEARD: Heard = { state: null, gps: null, telemetry: null, link: null, video: null };
 
 /** Resolves once the page had a chance to draw, and even in a hidden tab, where no frames come. */
 function drawn(): Promise<void> {
@@ -53,7 +78,7 @@ export class Session {
   selectedTarget = $state<string | null>(null);
   tab = $state<Tab>('targets');
   /** What lies over the page. */
-  dialog = $state<'settings' | null>(null);
+  dialog = $state<'settings' | 'palette' | 'keys' | null>(null);
   follow = $state(true);
   notices = $state.raw<Notice[]>([]);
   /** Goes up with every change of a track. */
@@ -81,6 +106,7 @@ export class Session {
   );
 
   readonly preferences = new Preferences();
+  readonly alarms = new AlarmDesk(() => this.preferences.settings.spokenAlarms);
   readonly tracks = new TrackBook();
   readonly sightings = new SightingBook();
   readonly series = new SeriesBook();
@@ -88,6 +114,10 @@ export class Session {
   /** Goes up when the station's memory of a vehicle has come. */
   seriesRevision = $state(0);
   readonly padOutlines = new PadOutlines();
+  /** Null until the video's panel is there. */
+  video: VideoControls | null = null;
+  /** What the player measures of its pictures. */
+  pictureTimes = $state.raw<PictureTimes>({ received_ms: null, decoded_ms: null, drawn_ms: null });
   /** Ticks, so that ages grow while nothing arrives. */
   now_ms = $state(performance.now());
   private readonly heard_ms = new Map<string, number>();
@@ -107,7 +137,6 @@ export class Session {
   targets = $derived(
     Object.values(this.mission.targets).filter(({ id }) => !this.hiddenTargets.has(id)).sort((a, b) => b.properties.created_unix_us - a.properties.created_unix_us),
   );
-  activeAlarms = $derived(this.mission.alarms.filter((alarm) => alarm.active));
 
   /** The vehicle as it was at the time that is looked at. */
   shownVehicle = $derived.by<Vehicle | null>(() => {
@@ -157,7 +186,9 @@ export class Session {
     this.clock = setInterval(() => (this.now_ms = performance.now()), 500);
     this.feed = this.source.openMessages({
       status: (status) => {
+        const before = this.connection.phase;
         this.connection = status;
+        if (status.phase === 'retrying' && before === 'open' && this.preferences.settings.spokenAlarms) speak('warning: station lost', true);
       },
       messages: async (batch) => {
         this.take(batch);
@@ -178,6 +209,10 @@ export class Session {
     let sighted = false;
     for (const message of batch) {
       mission = reduce(mission, message);
+      if (message.type in UNHEARD) {
+        const of = message.type === 'video' ? videoVehicle(message) : (message as { vehicle_id: string }).vehicle_id;
+        this.heard_ms.set(`${message.type}:${of}`, performance.now());
+      }
       const cleared = this.tracks.apply(message);
       this.series.apply(message);
       this.events.apply(message);
@@ -185,7 +220,6 @@ export class Session {
       if (cleared !== null) this.primed.delete(cleared);
       if (message.type === 'state') {
         this.historyOf(message.vehicle_id).append(message);
-        this.heard_ms.set(message.vehicle_id, performance.now());
         moved = true;
       }
       if (message.type === 'gps') moved = true;
@@ -213,6 +247,7 @@ export class Session {
       }
     }
     this.mission = mission;
+    this.alarms.take(mission.alarms);
     this.chooseVehicle();
     if (moved) this.tracksRevision += 1;
     if (sighted) this.sightingsRevision += 1;
@@ -309,7 +344,16 @@ export class Session {
 
   /** Seconds since the vehicle's last estimate arrived here. */
   heard_s(vehicle_id: string): number | null {
-    const at = this.heard_ms.get(vehicle_id);
+    return this.since_s(`state:${vehicle_id}`);
+  }
+
+  heard(vehicle_id: string | null): Heard {
+    const of = (kind: keyof Heard) => (vehicle_id === null ? null : this.since_s(`${kind}:${vehicle_id}`));
+    return { state: of('state'), gps: of('gps'), telemetry: of('telemetry'), link: of('link'), video: of('video') };
+  }
+
+  private since_s(key: string): number | null {
+    const at = this.heard_ms.get(key);
     return at === undefined ? null : Math.max(0, this.now_ms - at) / 1000;
   }
 
@@ -402,9 +446,38 @@ export class Session {
     if (changed) this.keepTarget(changed);
   }
 
+  async copyTarget(target: Target): Promise<void> {
+    const text = copyText(target.properties, this.format);
+    try {
+      await navigator.clipboard.writeText(text);
+    } catch {
+      // Pages that are neither https nor loopback have no clipboard: select a field and use the old command.
+      const field = document.createElement('textarea');
+      field.value = text;
+      document.body.append(field);
+      field.select();
+      document.execCommand('copy');
+      field.remove();
+    }
+    this.say('info', `Copied ${text}`);
+  }
+
   async followTarget(target: Target, track: boolean): Promise<void> {
     const changed = await this.attempt(track ? 'Follow' : 'Stop following', () => this.api.followTarget(target, track));
     if (changed) this.keepTarget(changed);
+  }
+
+  /** Opens a list, also where the side panel is hidden. */
+  show(tab: Tab): void {
+    this.tab = tab;
+    if (!this.preferences.settings.sidePanel) this.preferences.set({ sidePanel: true });
+  }
+
+  /** Exchanges map and video, whatever the layout is. */
+  swap(): void {
+    const { layout, videoLarge } = this.preferences.settings;
+    if (layout === 'map' || layout === 'video') this.preferences.set({ layout: layout === 'map' ? 'video' : 'map' });
+    else this.preferences.set({ videoLarge: !videoLarge });
   }
 
   toggleFollowClicks(): void {

@@ -87,7 +87,7 @@ class FakeStation implements Source {
       this.say({ type: 'gps', vehicle_id: '1', ...at, alt_amsl_m: 210, fix_type: this.cut ? 0 : 3, satellites: 14, std_horizontal_m: 1, used: !this.denied });
     }
     if (this.ticks % 10 === 0) {
-      this.say({ type: 'telemetry', vehicle_id: '1', vehicle_type: 'helicopter', simulated: true, armed: true, flight_mode: 'AUTO', battery_pct: 81, battery_v: 22.4, airspeed_m_s: 11 });
+      this.say({ type: 'telemetry', vehicle_id: '1', vehicle_type: 'helicopter', simulated: true, armed: true, flight_mode: 'AUTO', battery_pct: 81, battery_v: 22.4, battery_a: 14, battery_age_s: 0.3, airspeed_m_s: 11, airspeed_age_s: 0.1, alt_rel_m: 118, alt_rel_age_s: 0.1, wind_speed_m_s: 4, wind_from_deg: 250, wind_age_s: 0.5 });
       this.say({ type: 'link', vehicle_id: '1', connected: true, heartbeat_age_s: 0.4, messages_per_s: 141, bytes_per_s: 7400, loss_pct: 0, noise_bytes: 0, signed: false, endpoint: 'fake' });
       this.say({ type: 'video', source: 'cam-1', vehicle_id: '1', status: 'flowing', fps: 25, width: 640, height: 480, codec: 'jpeg', last_frame_age_s: 0.02, latency_ms: 4, decode_errors: 0, epoch: 1 });
     }

@@ -102,6 +102,11 @@ export function videoSourceOf(vehicle: Vehicle): string {
   return vehicle.video?.source ?? `cam-${vehicle.id}`;
 }
 
+/** A source names its vehicle where the message does not. */
+export function videoVehicle(message: VideoMessage): string {
+  return message.vehicle_id ?? message.source.replace(/^cam-/, '');
+}
+
 export function activeAlarms(mission: Mission): AlarmEntry[] {
   return mission.alarms.filter((alarm) => alarm.active);
 }
@@ -185,7 +190,7 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
     case 'link':
       return withVehicle(mission, message.vehicle_id, { link: message });
     case 'video':
-      return withVehicle(mission, message.vehicle_id ?? message.source.replace(/^cam-/, ''), { video: message });
+      return withVehicle(mission, videoVehicle(message), { video: message });
     case 'fix': {
       const before = mission.vehicles[message.vehicle_id] ?? newVehicle(message.vehicle_id);
       return withVehicle(mission, message.vehicle_id, {
