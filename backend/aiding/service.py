@@ -11,7 +11,7 @@ import numpy as np
 
 from backend.aiding.checks import check, names_of, verdict
 from backend.aiding.effect import judge
-from backend.aiding.session import NO_ORIGIN, NO_STATE, STALE_US, Seen, Session
+from backend.aiding.session import NO_ORIGIN, NO_STATE, SILENT_US, Seen, Session
 from backend.clock import mono_us, unix_us
 from backend.errors import CommandRefusedError, ConflictError, NoStateYetError
 from backend.fleet.links import LinkEndpoint
@@ -26,8 +26,10 @@ from estimator.geometry.local import LocalFrame
 from estimator.types import NavigationState
 
 SAID_EVERY_TICKS = 5
+TOLD_AFTER_TICKS = 10
 OWN_SILENT_US = 2_000_000
 FIX_SILENT_US = 3_000_000
+BEHIND_US = 5_000_000
 ECHO_US = 10_000_000
 """So long after the last GPS_INPUT an autopilot's GPS may still be what it was sent."""
 
@@ -49,6 +51,7 @@ class PositionAiding:
         self._sessions: dict[str, Session] = {}
         self._counts_before: dict[str, Counts] = {}
         self._told_sending: dict[str, bool] = {}
+        self._changed_ticks: dict[str, int] = {}
         self._echo_ends_us: dict[str, int] = {}
         self._ticks = 0
 
@@ -83,6 +86,7 @@ class PositionAiding:
         self._counts_before[vehicle.id] = _counts(vehicle)
         vehicle.last_position_answer = None
         self._told_sending[vehicle.id] = True
+        self._changed_ticks[vehicle.id] = self._ticks
         vehicle.aided = True
         if form is AidingForm.GPS_INPUT:
             vehicle.gps_is_echo = True
@@ -132,7 +136,7 @@ class PositionAiding:
                 text = "its autopilot is told no more where it is: the page that began it has gone"
                 self._guided.tell(vehicle, "position_aiding_ended", text)
                 continue
-            if vehicle.latest is None or abs(now_us - vehicle.latest.state.t_us) > STALE_US:
+            if vehicle.latest is None or abs(now_us - vehicle.latest.state.t_us) > SILENT_US:
                 session.silent("the estimator gives no state")
             self._tell_change(vehicle, session)
             if self._ticks % SAID_EVERY_TICKS == 0:
@@ -150,6 +154,9 @@ class PositionAiding:
 
     def _tell_change(self, vehicle: LiveVehicle, session: Session) -> None:
         if session.sending == self._told_sending[vehicle.id]:
+            self._changed_ticks[vehicle.id] = self._ticks
+            return
+        if self._ticks - self._changed_ticks.get(vehicle.id, self._ticks) < TOLD_AFTER_TICKS:
             return
         # Before the first message it waits for a state or for the origin: that is no pause yet.
         if not session.sending and session.reason in (NO_STATE, NO_ORIGIN):
@@ -158,9 +165,8 @@ class PositionAiding:
         if session.sending:
             self._guided.tell(vehicle, "position_aiding_resumed", "its autopilot is told again where it is")
         else:
-            self._guided.tell(
-                vehicle, "position_aiding_paused", f"its autopilot is not told where it is: {session.reason}"
-            )
+            text = f"its autopilot is not told where it is: {session.reason}"
+            self._guided.tell(vehicle, "position_aiding_paused", text)
 
     # --- what is told ---
 
@@ -200,9 +206,11 @@ class PositionAiding:
             return "the estimator has no state yet"
         if link is None or not vehicle.connected:
             return "the vehicle is not connected"
-        now_us = unix_us()
-        probe = Session(form, "", self._reader(vehicle, link), now_us)
-        return probe.objection(vehicle.latest.state, _seen(vehicle, now_us), now_us)
+        state, now_us = vehicle.latest.state, unix_us()
+        # An estimator that is a little behind keeps nobody from beginning: nothing is sent until it has caught up.
+        at_us = state.t_us if abs(now_us - state.t_us) <= BEHIND_US else now_us
+        probe = Session(form, "", self._reader(vehicle, link), at_us)
+        return probe.objection(state, _seen(vehicle, now_us), at_us)
 
     def _forms(self, vehicle: LiveVehicle) -> tuple[AidingForm, ...]:
         forms = FORMS.get(vehicle.autopilot)

@@ -39,7 +39,9 @@ STD_LIMIT_M = {
 }
 # What was too uncertain is sent again when it is clearly better, not at each crossing of the limit.
 RESUME_SHARE = 0.8
-STALE_US = 300_000
+STALE_US = 500_000
+# A busy machine gives no state for a moment, and nothing is sent then; that is no pause to speak of.
+SILENT_US = 1_000_000
 _AHEAD_US = 100_000
 # States come every 50 ms, some a little early.
 _EARLY_US = 10_000
@@ -74,6 +76,7 @@ class Session:
         self.gap_began_m: float | None = None
         self._due_us = t_us
         self._sending_since_us = t_us
+        self._last_sent_us: int | None = None
         self._too_uncertain = False
         self._resets = 0
         self._told: tuple[int, NavigationState] | None = None
@@ -123,7 +126,9 @@ class Session:
             self.sending = False
             return []
         if not self.sending:
-            self.sending, self._sending_since_us = True, t_us
+            self.sending = True
+            if self._last_sent_us is None or not 0 <= t_us - self._last_sent_us <= int(LONG_PAUSE_S * 1e6):
+                self._sending_since_us = t_us
         if t_us < self._due_us - _EARLY_US and self._due_us - t_us <= INTERVAL_US[self.form]:
             return []
         # Steady on its own grid, and not in bursts after a pause.
@@ -131,6 +136,7 @@ class Session:
         told = carried_on(state, frame, t_us)
         self._count_jump(told, epoch)
         self.sent += 1
+        self._last_sent_us = t_us
         return [self._message(told, seen, t_us)]
 
     def silent(self, reason: str) -> None:

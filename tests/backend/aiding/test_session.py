@@ -172,3 +172,16 @@ def test_quality_falls_with_what_is_not_known() -> None:
     (sure,) = session(ODOMETRY).messages(flown(T_US, std_m=0.5), 1, FRAME, GOOD, T_US)
     (unsure,) = session(ODOMETRY).messages(flown(T_US, std_m=4.9), 1, FRAME, GOOD, T_US)
     assert (sure.quality, unsure.quality) == (90, 2)
+
+
+def test_a_moment_without_states_does_not_begin_the_wait_for_the_effect_anew() -> None:
+    told = session(ODOMETRY)
+    run(told, 3.0)
+    told.silent("the estimator gives no state")
+    run(told, 1.0, begin_us=T_US + 4_000_000)
+    after_a_moment = told.evidence(T_US + 5_000_000, (0, 0, ""), None, 1.0).sending_us
+    told.silent("the estimator gives no state")
+    run(told, 1.0, begin_us=T_US + 10_000_000)
+    after_a_pause = told.evidence(T_US + 11_000_000, (0, 0, ""), None, 1.0).sending_us
+
+    assert (after_a_moment, after_a_pause) == (5_000_000, 1_000_000)
