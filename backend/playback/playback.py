@@ -333,9 +333,7 @@ class Playback:
         if now_us - self._said_telemetry_us >= SAY_TELEMETRY_EVERY_US:
             self._said_telemetry_us = now_us
             said = self.recording.telemetry_at(self._t_us)
-            self._hub.publish(
-                "telemetry", vehicle_id=self.id, **telemetry_fields(said, self._t_us)
-            )
+            self._hub.publish("telemetry", vehicle_id=self.id, **telemetry_fields(said, self._t_us))
             self._hub.publish("video", **self.video_message())
 
     async def _show_frames(self) -> None:
