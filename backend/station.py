@@ -233,6 +233,7 @@ class Station:
             "recording": asdict(self.recorder.status),
             "waiting_for": self.waiting_for(),
             "replays": [body.model_dump() for body in self.replays.bodies()],
+            "pad": None if self.landings.pads.pad is None else self.landings.pads.pad.name,
         }  # fmt: skip
 
     def disk_free_bytes(self) -> int:

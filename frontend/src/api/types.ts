@@ -82,6 +82,8 @@ export interface HelloMessage extends Envelope {
   alarms: Alarm[];
   recording: Recording;
   waiting_for: string[];
+  /** The name of the pad that is looked for; an older station does not say. */
+  pad?: Maybe<string>;
 }
 
 export interface StateMessage extends Envelope {

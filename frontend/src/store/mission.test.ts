@@ -37,6 +37,7 @@ describe('reduce', () => {
     expect(mission.vehicles['1']?.landing?.mode).toBe('tracking');
     const after = fold([{ type: 'pad', name: 'other' }], mission);
     expect(after.padRevision).toBe(mission.padRevision + 1);
+    expect([mission.padName, after.padName]).toEqual([undefined, 'other']);
     // The station may have been started anew with another one.
     expect(fold([hello()], after).padRevision).toBe(after.padRevision + 1);
   });

@@ -60,6 +60,8 @@ export interface Mission {
   waiting_for: string[];
   /** Goes up whenever the landing pad may be another one. */
   padRevision: number;
+  /** Of the pad that is looked for; undefined where the station does not say. */
+  padName: string | null | undefined;
 }
 
 export const NO_MISSION: Mission = {
@@ -73,6 +75,7 @@ export const NO_MISSION: Mission = {
   preparing: {},
   waiting_for: [],
   padRevision: 0,
+  padName: undefined,
 };
 
 export function newVehicle(id: string, summary: VehicleSummary | null = null): Vehicle {
@@ -171,6 +174,7 @@ function greeted(mission: Mission, hello: Extract<StationMessage, { type: 'hello
     preparing: {},
     waiting_for: hello.waiting_for,
     padRevision: mission.padRevision + 1,
+    padName: hello.pad,
   };
 }
 
@@ -245,7 +249,7 @@ export function reduce(mission: Mission, message: StationMessage): Mission {
     case 'aiding':
       return withVehicle(mission, message.vehicle_id, { aiding: message });
     case 'pad':
-      return { ...mission, padRevision: mission.padRevision + 1 };
+      return { ...mission, padRevision: mission.padRevision + 1, padName: message.name };
     case 'waiting':
       return { ...mission, waiting_for: message.waiting_for };
     case 'plan':

@@ -25,7 +25,7 @@ async def test_a_newcomer_is_told_everything_at_once(tmp_path: Path) -> None:
     assert first["station"]["data_dir_free_bytes"] > 0
     assert [target["properties"]["name"] for target in first["targets"]["features"]] == ["here"]
     assert first["recording"]["active"]
-    assert (first["vehicles"], first["replays"], first["alarms"]) == ([], [], [])
+    assert (first["vehicles"], first["replays"], first["alarms"], first["pad"]) == ([], [], [], None)
 
 
 @pytest.mark.parametrize("said", ["{", "[]", '"ping"', '{"type": 7}', "x" * 100_000, b"\x00\xff", ""])
