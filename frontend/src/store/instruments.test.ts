@@ -32,14 +32,14 @@ function shown(of: Vehicle | null, heard = FRESH, units = METRIC): Record<string
 describe('instruments', () => {
   it('read in metres', () => {
     expect(shown(vehicle)).toMatchObject({
-      heading: '274 °', airspeed: '11.0 m/s', 'ground-speed': '10.0 m/s', agl: '152 m', 'above-home': '118 m', amsl: '305 m', climb: '−2.5 m/s',
+      heading: '274 °', airspeed: '11.0 m/s', 'ground-speed': '10.0 m/s', agl: '152 m', 'above-home': '118 m', amsl: '305 m', climb: '−2.5',
       wind: '4.0 m/s', battery: '18 %', link: '141 msg/s', gps: '14 sat', fix: '0.4 s', sigma: '0.8 1.1 1.5',
     });
   });
 
   it('read in feet and knots', () => {
     expect(shown(vehicle, FRESH, AVIATION)).toMatchObject({
-      airspeed: '21 kn', 'ground-speed': '19 kn', agl: '500 ft', 'above-home': '387 ft', amsl: '1000 ft', climb: '−500 ft/min', wind: '8 kn', sigma: '2.6 3.6 4.9',
+      airspeed: '21 kn', 'ground-speed': '19 kn', agl: '500 ft', 'above-home': '387 ft', amsl: '1000 ft', climb: '−500', wind: '8 kn', sigma: '2.6 3.6 4.9',
     });
   });
 

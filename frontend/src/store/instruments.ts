@@ -70,7 +70,7 @@ function motion(state: StateMessage | null, telemetry: TelemetryMessage | null, 
     estimate({ id: 'agl', label: 'Above ground', title: 'Height above the terrain below, by the estimate', value: numberIn(state?.alt_agl_m, length), unit: length.name, below: '' }),
     aged({ id: 'above-home', label: 'Above home', title: "The autopilot's own height above its home", value: numberIn(telemetry?.alt_rel_m, length), unit: length.name, below: '', tone: 'none' }, homeAge, STALE_S.telemetry),
     estimate({ id: 'amsl', label: 'AMSL', title: 'Height above mean sea level, by the estimate', value: numberIn(state?.alt_amsl_m, length), unit: length.name, below: '' }),
-    estimate({ id: 'climb', label: 'Climb', title: 'By the estimate; down is negative', value: numberIn(up_m_s, climb), unit: climb.name, below: '' }),
+    estimate({ id: 'climb', label: `Climb ${climb.name}`, title: 'By the estimate; down is negative', value: numberIn(up_m_s, climb), unit: '', below: '' }),
   ];
 }
 
