@@ -254,10 +254,13 @@ def check_palette(desk: Desk, faults: list[str]) -> None:
     page.keyboard.type("58.5, 15.25")
     expect(page.get_by_test_id("palette-action").first).to_contain_text("Show 33V")
     page.keyboard.press("Escape")
+    # Until it is gone it has the keys, and gives the focus back when it goes.
+    expect(page.get_by_test_id("palette")).to_have_count(0)
     page.keyboard.press("?")
     expect(page.get_by_test_id("keys")).to_contain_text("Acknowledge the gravest alarm")
     faults += desk.axe("keys", "dialog")
     page.keyboard.press("Escape")
+    expect(page.get_by_test_id("keys")).to_have_count(0)
     page.get_by_test_id("skip").focus()
     page.keyboard.press("Enter")
     expect(page.get_by_role("tabpanel")).to_be_focused()

@@ -39,11 +39,10 @@ export const KEYMAP: readonly KeyGroup[] = [
     title: 'In lists and tools',
     keys: [
       ['← →', 'Next tab, where the tabs have the focus'],
-      ['Del', 'Delete what is picked in the plan'],
       ['Enter', 'Close the fence that is drawn'],
       ['Esc', 'Leave a tool of the plan, or the picking of a place'],
       ['F2', 'Rename the target'],
-      ['Del', 'Delete the target'],
+      ['Del', 'Delete the target, or what is picked in the plan'],
       ['← → ↑ ↓', 'Move the held frame by a metre, with Shift by 0.2 m, where Adjust has the focus'],
     ],
   },
