@@ -15,9 +15,9 @@ import pytest
 from playwright.sync_api import Page, TimeoutError, expect, sync_playwright
 
 from simulator.recording import PAD_TARGET
+from tests.e2e.demo_console import CHROMIUM, reported
 from tests.e2e.demo_process import OUTPUT, ROOT, Deadline
 from tests.e2e.landing_process import Flown, landing_scene
-from tests.e2e.test_demo import CHROMIUM, reported
 
 PATIENCE_S = 280.0
 HOLD_MS, HOLDS = 10_000, 3
