@@ -27,6 +27,8 @@ from guidance.velocity_profile import FlightEnvelope
 _LONGEST_STEP_S = 1.0
 _GENTLE = FlightEnvelope(roll_max_rad=math.radians(6.0), acceleration_m_s2=1.0, braking_m_s2=0.8)
 """Bends that a velocity changed by ``acceleration_m_s2`` can follow."""
+_CALM = VelocityLoopConfig(gain=1.0, trim_per_s=0.4, damping_s=0.4, pace_s=0.4)
+"""At height the velocity is known to 0.2 m/s, not to centimetres as over a pad: a firm loop would shake the vehicle."""
 
 
 class HomingPhase(StrEnum):
@@ -60,7 +62,7 @@ class HomingConfig:
     for ``lost_after_s``; below ``touchdown_height_m`` it goes on. After ``wait_s`` of that it gives up.
     """
 
-    loop: VelocityLoopConfig = field(default_factory=VelocityLoopConfig)
+    loop: VelocityLoopConfig = field(default_factory=lambda: _CALM)
     path: PathFollowingConfig = field(default_factory=lambda: PathFollowingConfig(_GENTLE))
     acceleration_m_s2: float = 1.2
     offset_gain_per_s: float = 0.4

@@ -124,7 +124,8 @@ def test_without_its_page_it_stands_still_by_the_estimate() -> None:
     flown = world().run(12.0)
     assert flown.flight.phase is HomingPhase.FOLLOW
     flown.page_there = False
-    flown.run(12.0)
+    # Braking from 6 m/s takes five seconds, and the calm loop some ten to settle.
+    flown.run(20.0)
     there = flown.pos.copy()
     flown.run(30.0)
 
