@@ -180,7 +180,10 @@ class Simulation:
         velocity, yaw = self.pilot.command(position, dt_s)
         if by_belief or self.pilot.follows_set_points:
             velocity = velocity - self._believed.vel_error_ned_m_s
-        state = self._above_ground(t_us, dt_s, velocity, yaw, before)
+        if VEHICLES[self.scenario.vehicle.type].stands:
+            state = self._above_ground(t_us, dt_s, velocity, yaw, before)
+        else:
+            state = self._aircraft.step(t_us, dt_s, velocity, yaw)
         if self._gimbal is not None:
             self._gimbal.step(dt_s, state.yaw_rad)
         self.state = state

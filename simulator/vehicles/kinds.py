@@ -41,12 +41,16 @@ _NOT_ASKED_FOR = (FlightMode.STABILIZE, FlightMode.CIRCLE)
 
 @dataclass(frozen=True, slots=True)
 class VehicleKind:
-    """A kind of vehicle for the others: ``mav_type``, ``type`` of flight.json, ArduPilot's numbers of its modes."""
+    """A kind of vehicle for the others: ``mav_type``, ``type`` of flight.json, ArduPilot's numbers of its modes.
+
+    One that cannot ``stand`` has nothing to stand on, and meets no ground.
+    """
 
     said: str
     mav_type: int
     flight_type: Literal["helicopter", "multirotor", "fixed_wing"]
     modes: dict[FlightMode, int]
+    stands: bool = True
 
     def mode(self, number: float) -> FlightMode | None:
         """The mode of one of its numbers that can be asked for, None for any other."""
@@ -71,8 +75,8 @@ _PLANE_MODES = {
 VEHICLES = {
     "helicopter": VehicleKind("helicopter", mavlink.MAV_TYPE_HELICOPTER, "helicopter", _COPTER_MODES),
     "multirotor": VehicleKind("multirotor", mavlink.MAV_TYPE_QUADROTOR, "multirotor", _COPTER_MODES),
-    "fixed_wing": VehicleKind("fixed wing", mavlink.MAV_TYPE_FIXED_WING, "fixed_wing", _PLANE_MODES),
-    "rmax": VehicleKind("RMAX", mavlink.MAV_TYPE_HELICOPTER, "helicopter", _COPTER_MODES),
+    "fixed_wing": VehicleKind("fixed wing", mavlink.MAV_TYPE_FIXED_WING, "fixed_wing", _PLANE_MODES, stands=False),
+    "rmax": VehicleKind("RMAX", mavlink.MAV_TYPE_HELICOPTER, "helicopter", _COPTER_MODES, stands=False),
 }
 
 
