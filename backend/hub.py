@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import orjson
+import structlog
 
 from backend.clock import unix_us
 
@@ -20,6 +21,9 @@ from backend.clock import unix_us
 COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting", "sighting", "landing"})
 MAILBOX_MESSAGES = 2000
 MAILBOX_BYTES = 4_000_000
+
+
+_log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +106,10 @@ class Hub:
     def publish(self, kind: str, /, **fields: Any) -> None:
         """Say something to everybody who listens."""
         for tap in self._taps:
-            tap(kind, fields)
+            try:
+                tap(kind, fields)
+            except Exception:  # what one part cannot read the others still hear
+                _log.exception("a part of the station cannot read a message", kind=kind)
         if not self._mailboxes:
             self._seq += 1
             return

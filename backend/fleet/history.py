@@ -165,10 +165,11 @@ class Histories:
 
     def _alarm(self, fields: Mapping[str, Any]) -> None:
         now_us = self._now_us()
-        said = fields["code"] == "vehicle_text"
-        kind = "said" if said else "alarm_raised" if fields["active"] else "alarm_cleared"
+        said = fields.get("code") == "vehicle_text"
+        kind = "said" if said else "alarm_raised" if fields.get("active") else "alarm_cleared"
         t_us = now_us if kind == "alarm_cleared" else int(fields.get("since_unix_us") or now_us)
-        self._note(t_us, kind, fields["vehicle_id"], fields["severity"], fields["text"], fields["id"])
+        words = [str(fields.get(name) or "") for name in ("severity", "text", "id")]
+        self._note(t_us, kind, fields.get("vehicle_id"), *words)
 
     def _landing(self, vehicle_id: str, fields: Mapping[str, Any]) -> None:
         history = self._of(vehicle_id)

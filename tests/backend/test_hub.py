@@ -2,6 +2,8 @@
 
 import asyncio
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import orjson
 
@@ -99,3 +101,16 @@ async def test_a_field_may_be_called_kind() -> None:
     (message,) = await read(box)
 
     assert (message["type"], message["kind"]) == ("fix", "map")
+
+
+async def test_a_part_that_cannot_read_a_message_keeps_nobody_from_it() -> None:
+    hub, heard = Hub(), []
+
+    def broken(kind: str, fields: Mapping[str, Any]) -> None:
+        raise KeyError(kind)
+
+    hub.tap(broken)
+    hub.tap(lambda kind, fields: heard.append((kind, dict(fields))))
+    hub.publish("state", vehicle_id="1")
+
+    assert heard == [("state", {"vehicle_id": "1"})]

@@ -142,6 +142,9 @@ def draw_and_keep(bench: Bench) -> None:
     for corner in CORNERS:
         page.mouse.click(*bench.place(*corner))
     expect(bench.by("plan-item")).to_have_count(3)
+    # The map draws what the list has a moment later, and only what is drawn can be taken hold of.
+    bench.kept()
+    page.wait_for_timeout(500)
     x, y = bench.place(*CORNERS[2])
     page.mouse.move(x, y)
     page.mouse.down()

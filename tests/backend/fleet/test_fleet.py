@@ -78,7 +78,7 @@ def test_the_current_item_counts_from_one_whatever_the_vehicle_counts(
     told = []
     for seq in (0, 1, 7):
         heard.fleet.take(A, TelemetryMission(2, 7, seq))
-        told.append(heard.vehicle.telemetry_message()["mission_item"])
+        told.append(heard.vehicle.telemetry_message(1)["mission_item"])
     assert told == numbers
 
 
@@ -104,7 +104,7 @@ def test_home_places_the_vehicle_before_a_fix_with_height_does() -> None:
     assert heard.placed[-1].alt_amsl_m == 400.0
     heard.fleet.take(A, SampleEvent(4, 7, HomeSample(4, 0.8, 0.1, 398.0)))
     assert heard.placed[-1].alt_amsl_m == 398.0
-    home = heard.vehicle.telemetry_message()["home"]
+    home = heard.vehicle.telemetry_message(1)["home"]
     assert (round(math.radians(home["lat_deg"]), 9), home["alt_amsl_m"]) == (0.8, 398.0)
 
 
