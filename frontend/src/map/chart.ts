@@ -2,7 +2,7 @@
 
 import { defaults as defaultControls, ScaleLine } from 'ol/control';
 import GeoJSON from 'ol/format/GeoJSON';
-import { defaults as defaultInteractions } from 'ol/interaction';
+import { defaults as defaultInteractions, DoubleClickZoom } from 'ol/interaction';
 import PointerInteraction from 'ol/interaction/Pointer';
 import TileLayer from 'ol/layer/Tile';
 import VectorLayer from 'ol/layer/Vector';
@@ -169,6 +169,11 @@ export class Chart {
 
   resize(): void {
     this.map.updateSize();
+  }
+
+  /** Two quick clicks zoom in, wherever they are: not while a tool takes each for itself. */
+  zoomsByDoubleClick(on: boolean): void {
+    for (const one of this.map.getInteractions().getArray()) if (one instanceof DoubleClickZoom) one.setActive(on);
   }
 
   draw(overlay: Overlay, features: Collection): void {

@@ -12,6 +12,7 @@ export class ClickTool {
 
   constructor(private readonly chart: Chart, placed: (at: LatLon) => void) {
     chart.toolsAtClicks += 1;
+    chart.zoomsByDoubleClick(false);
     this.cursor('crosshair');
     this.key = chart.canvas.on('click', (event: MapBrowserEvent) => placed(latLon(toLonLat(event.coordinate))));
   }
@@ -20,7 +21,10 @@ export class ClickTool {
     unByKey(this.key);
     this.cursor('');
     // The same click still comes as a single one, a quarter of a second later.
-    setTimeout(() => (this.chart.toolsAtClicks -= 1), 400);
+    setTimeout(() => {
+      this.chart.toolsAtClicks -= 1;
+      this.chart.zoomsByDoubleClick(true);
+    }, 400);
   }
 
   private cursor(name: string): void {

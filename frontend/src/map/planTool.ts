@@ -71,6 +71,8 @@ export class PlanTool {
 
   constructor(private readonly chart: Chart, private readonly listener: PlanListener, private readonly cursor: string) {
     chart.toolsAtClicks += 1;
+    // Without a tool of its own the map behaves as ever.
+    chart.zoomsByDoubleClick(cursor === '');
     this.style(cursor);
     this.interaction = new PointerInteraction({
       handleDownEvent: (event) => this.down(event),
@@ -89,6 +91,7 @@ export class PlanTool {
     unByKey(this.key);
     this.chart.canvas.removeInteraction(this.interaction);
     this.style('');
+    this.chart.zoomsByDoubleClick(true);
     setTimeout(() => (this.chart.toolsAtClicks -= 1), 400);
   }
 
