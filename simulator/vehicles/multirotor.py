@@ -14,7 +14,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from estimator.geometry.checks import check_step, check_vectors
+from estimator.geometry.checks import check_step
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import (
     euler_from_q,
@@ -31,7 +31,7 @@ from estimator.types import Float
 from simulator.random_streams import rng_for
 from simulator.vehicles.gauss_markov import GaussMarkov
 from simulator.vehicles.inertial import InertialReadings
-from simulator.vehicles.state import VehicleState
+from simulator.vehicles.state import VehicleState, check_start
 
 _LONGEST_STEP_S = 0.02
 _GUST_TIME_S, _SHAKE_TIME_S = 3.0, 0.2
@@ -93,10 +93,7 @@ class Multirotor:
         self, frame: LocalFrame, pos_ned_m: Float, yaw_rad: float, seed: int, wind_ned_m_s: Float, gust_std_m_s: float,
         config: MultirotorConfig | None = None,
     ) -> None:  # fmt: skip
-        check_vectors(pos_ned_m=pos_ned_m, wind_ned_m_s=wind_ned_m_s)
-        if not (math.isfinite(yaw_rad) and math.isfinite(gust_std_m_s) and gust_std_m_s >= 0.0):
-            message = f"yaw_rad must be finite and gust_std_m_s not negative, not {yaw_rad} and {gust_std_m_s}"
-            raise ValueError(message)
+        check_start(pos_ned_m, yaw_rad, wind_ned_m_s, gust_std_m_s)
         self.config = config or MultirotorConfig()
         self._mean_wind: Float = np.array(wind_ned_m_s, np.float64)
         self._gust = GaussMarkov(rng_for(seed, "air", "gusts"), gust_std_m_s, _GUST_TIME_S, 3)

@@ -22,14 +22,14 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 from scipy.signal import tf2ss
 
-from estimator.geometry.checks import check_step, check_vectors
+from estimator.geometry.checks import check_step
 from estimator.geometry.local import LocalFrame
 from estimator.geometry.rotation import matrix_from_q, q_from_euler, wrap_pi
 from estimator.types import Float
 from simulator.random_streams import rng_for
 from simulator.vehicles.gauss_markov import GaussMarkov
 from simulator.vehicles.inertial import InertialReadings
-from simulator.vehicles.state import VehicleState
+from simulator.vehicles.state import VehicleState, check_start
 
 INPUT_LIMIT = 500.0
 """Inputs run from minus to plus this, in YACS units (section 3.5.1)."""
@@ -189,10 +189,7 @@ class Rmax:
         self, frame: LocalFrame, pos_ned_m: Float, yaw_rad: float, seed: int, wind_ned_m_s: Float, gust_std_m_s: float,
         config: RmaxConfig | None = None,
     ) -> None:  # fmt: skip
-        check_vectors(pos_ned_m=pos_ned_m, wind_ned_m_s=wind_ned_m_s)
-        if not (math.isfinite(yaw_rad) and math.isfinite(gust_std_m_s) and gust_std_m_s >= 0.0):
-            message = f"yaw_rad must be finite and gust_std_m_s not negative, not {yaw_rad} and {gust_std_m_s}"
-            raise ValueError(message)
+        check_start(pos_ned_m, yaw_rad, wind_ned_m_s, gust_std_m_s)
         self.config = config or RmaxConfig()
         self._mean_wind: Float = np.array(wind_ned_m_s, np.float64)
         self._gust = GaussMarkov(rng_for(seed, "air", "gusts"), gust_std_m_s, _GUST_TIME_S, 3)
