@@ -66,14 +66,10 @@ class HomeFlight(GuidedFlight[HomingEstimate]):
 
     def _nobody_looks(self) -> Orders | None:
         # By vision it stands; left to its autopilot without GPS it would drift away.
-        return None if self.standing or not self._obeyed else self.leave("the operator's page has gone")
-
-    def leave(self, reason: str) -> Orders:
-        """End it in the air, standing still by the estimate; low over home it goes on down."""
-        if self.low:
-            return self.stop(reason)
-        self.guidance.abort(reason)
-        return self._begin_to_stand(self._state_us)
+        if self.standing:
+            return None
+        reason = "the operator's page has gone"
+        return self.stop(reason) if self.low else self.abort(reason)
 
     def _steer(self, t_us: int, seen: HomingEstimate | None) -> Orders:
         command = self.guidance.step(t_us, seen)

@@ -135,6 +135,17 @@ def test_without_its_page_it_stands_still_by_the_estimate() -> None:
     assert np.linalg.norm(flown.pos - there) < 0.5
 
 
+def test_a_page_that_goes_before_the_vehicle_obeys_takes_nothing_over() -> None:
+    flown = world(obeys=False).run(1.0)
+    flown.page_there = False
+    flown.step()
+    flown.mode, sent = flown.flight.wanted_mode, len(flown.sent)
+    flown.run(2.0)
+
+    assert not flown.flight.active and "page has gone" in flown.flight.reason
+    assert len(flown.sent) == sent and flown.orders == [Order.TAKE]
+
+
 def test_without_its_page_and_low_over_home_it_lands() -> None:
     flown = world().run(200.0, HomingPhase.TOUCHDOWN)
     flown.page_there = False
