@@ -18,7 +18,22 @@ import structlog
 from backend.clock import unix_us
 
 # Of these only the latest of each vehicle, source or target matters to a slow reader.
-COALESCED = frozenset({"state", "gps", "telemetry", "link", "video", "fix", "replay", "waiting", "sighting", "landing"})
+COALESCED = frozenset(
+    {
+        "state",
+        "gps",
+        "telemetry",
+        "link",
+        "video",
+        "fix",
+        "replay",
+        "waiting",
+        "sighting",
+        "landing",
+        "homing",
+        "aiding",
+    }
+)
 MAILBOX_MESSAGES = 2000
 MAILBOX_BYTES = 4_000_000
 
