@@ -13,7 +13,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -21,6 +21,7 @@ from rich.console import Console
 from rich.progress import track
 
 from benchmarks.contour_scenes import HEADING_MAX_RAD, TILT_STD_RAD, Ground, Place, Shot, Video, open_place, shots
+from benchmarks.kept_lines import finite
 from benchmarks.studies.cli import parse_seeds
 from estimator.errors import GeometryError
 from estimator.geometry.camera import Camera
@@ -229,11 +230,6 @@ def _metres(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "none"
 
 
-def _finite(figures: dict[str, Any]) -> dict[str, Any]:
-    """The same with null for what is infinite or not a number, which JSON has not."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in figures.items()}
-
-
 def main(
     seeds: Annotated[str, typer.Option(help="Worlds, FIRST-LAST.")] = "201-220",
     pictures: Annotated[int | None, typer.Option(min=1, help=f"Of each world  [{PICTURES}]")] = None,
@@ -256,8 +252,8 @@ def main(
     rows = [row_of(video, name, found[video, name]) for video in Video for name in names]
     if as_json:
         answers = {f"{video}, {name}": [asdict(a) for a in each] for (video, name), each in found.items()}
-        about = {"seeds": chosen, "rows": [_finite(asdict(r)) for r in rows]}
-        answers = {key: [_finite(a) for a in each] for key, each in answers.items()}
+        about = {"seeds": chosen, "rows": [finite(asdict(r)) for r in rows]}
+        answers = {key: [finite(a) for a in each] for key, each in answers.items()}
         typer.echo(json.dumps({**about, "answers": answers}, indent=1, allow_nan=False))
         return
     typer.echo(markdown(rows))

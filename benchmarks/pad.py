@@ -21,6 +21,7 @@ import typer
 from rich.console import Console
 from rich.progress import track
 
+from benchmarks.kept_lines import finite
 from benchmarks.pad_figure import Line, lines_svg
 from benchmarks.pad_methods import METHODS, bound_m
 from benchmarks.pad_scenes import HD, VGA, Look, PadScene, compressed, ground_of, looking_at_pad
@@ -293,11 +294,6 @@ def _cell(value: object) -> str:
     return str(value)
 
 
-def _finite(figures: dict[str, Any]) -> dict[str, Any]:
-    """The same with null for what is not a number, which JSON has not."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in figures.items()}
-
-
 def figure(rows: Sequence[Accuracy]) -> str:
     """Errors across over range, each method beside its Cramér-Rao bound."""
     lines = []
@@ -342,7 +338,7 @@ def main(
             typer.echo(f"\n{name}\n\n{markdown(measured[name])}")
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        rows = {name: [_finite(asdict(row)) for row in each] for name, each in measured.items()}
+        rows = {name: [finite(asdict(row)) for row in each] for name, each in measured.items()}
         (out / "landing.json").write_text(json.dumps({"seeds": chosen, **rows}, indent=1, allow_nan=False) + "\n")
         if "accuracy" in measured:
             (out / "landing.svg").write_text(figure(measured["accuracy"]))

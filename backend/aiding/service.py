@@ -15,6 +15,7 @@ from backend.aiding.session import NO_ORIGIN, NO_STATE, SILENT_US, Seen, Session
 from backend.clock import mono_us, unix_us
 from backend.errors import CommandRefusedError, ConflictError, NoStateYetError
 from backend.fleet.links import LinkEndpoint
+from backend.fleet.messages import finite
 from backend.fleet.parameters import Parameters
 from backend.fleet.vehicle import LiveVehicle
 from backend.guided.service import Guided
@@ -176,7 +177,11 @@ class PositionAiding:
         state = None if vehicle.latest is None else vehicle.latest.state
         std_m = math.nan if state is None else worst_std(state.cov_pos_ned_m2[:2, :2])
         gap_m = self._gap_m(vehicle, now_us)
-        told: dict[str, Any] = {"vehicle_id": vehicle.id, "gap_now_m": gap_m, "std_horizontal_m": _finite(std_m)}
+        told: dict[str, Any] = {
+            "vehicle_id": vehicle.id,
+            "gap_now_m": gap_m,
+            "std_horizontal_m": finite(round(std_m, 2)),
+        }
         if session is None:
             return told | {
                 "on": False, "form": None, "last_resort": False, "sending": False, "sent": 0, "reason": "",
@@ -241,13 +246,13 @@ class PositionAiding:
             return None
         own = vehicle.own_position
         if own is not None and abs(now_us - own.t_us) <= OWN_SILENT_US:
-            return _finite(_off_m(state, frame.ne_from_geodetic(own.lat_rad, own.lon_rad), own.t_us))
+            return finite(round(_off_m(state, frame.ne_from_geodetic(own.lat_rad, own.lon_rad), own.t_us), 2))
         local, origin = vehicle.local_position, vehicle.origin
         if local is None or origin is None or abs(now_us - local.t_us) > OWN_SILENT_US:
             return None
         theirs = LocalFrame(origin.lat_rad, origin.lon_rad, origin.alt_amsl_m)
         lat_rad, lon_rad, _ = theirs.geodetic_from_ned(np.array(local.pos_ned_m))
-        return _finite(_off_m(state, frame.ne_from_geodetic(lat_rad, lon_rad), local.t_us))
+        return finite(round(_off_m(state, frame.ne_from_geodetic(lat_rad, lon_rad), local.t_us), 2))
 
 
 def _off_m(state: NavigationState, own_ne_m: Any, t_us: int) -> float:
@@ -267,7 +272,3 @@ def _seen(vehicle: LiveVehicle, now_us: int) -> Seen:
 def _counts(vehicle: LiveVehicle) -> Counts:
     accepted = vehicle.position_answers[CommandStatus.ACCEPTED]
     return accepted, vehicle.position_answers.total() - accepted
-
-
-def _finite(value: float) -> float | None:
-    return round(value, 2) if math.isfinite(value) else None

@@ -10,6 +10,7 @@ from typing import Any
 
 from backend.clock import unix_us
 from backend.errors import CommandRefusedError, NoStateYetError, StationError
+from backend.fleet.messages import finite
 from backend.fleet.vehicle import LiveVehicle
 from backend.guided.service import Guided
 from backend.homing.flight import HomeFlight
@@ -144,9 +145,9 @@ class Homings:
         away = None if state is None else state.pos_ned_m - flight.guidance.home_ned_m
         return {
             "vehicle_id": vehicle.id, "active": flight.active, "phase": str(flight.phase), "reason": flight.reason,
-            "way": way.body.model_dump(), "remaining_m": _finite(remaining_m),
-            "to_home_m": None if away is None else _finite(math.hypot(away[0], away[1])),
-            "std_horizontal_m": None if state is None else _finite(worst_std(state.cov_pos_ned_m2[:2, :2])),
+            "way": way.body.model_dump(), "remaining_m": finite(round(remaining_m, 3)),
+            "to_home_m": None if away is None else finite(round(math.hypot(away[0], away[1]), 3)),
+            "std_horizontal_m": None if state is None else finite(round(worst_std(state.cov_pos_ned_m2[:2, :2]), 3)),
             "set_point_ned_m_s": None if point is None else [float(value) for value in point],
         }  # fmt: skip
 
@@ -158,7 +159,3 @@ class Homings:
         message = self.message(vehicle)
         self._say("homing", **message)
         return message
-
-
-def _finite(value: float) -> float | None:
-    return round(float(value), 3) if math.isfinite(value) else None
